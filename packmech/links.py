@@ -110,9 +110,18 @@ def named_pairs(
 def named_rows(
     known: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
     asked: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+    known_site: NDArray[np.int64] | None = None,
+    asked_site: NDArray[np.int64] | None = None,
 ) -> NDArray[np.int64]:
-    """Return the places of the asked pairs (i, j, image) among the known ones, named from any end; -1 where none is."""
-    rows = [np.column_stack(one_way(*one)[:3]) for one in (known, asked)]
+    """Return the places of the asked pairs (i, j, image) among the known ones, named from any end; -1 where none is.
+
+    Sites (P, 2) are places on the particles that tell pairs of the same ones apart, such as beads.
+    """
+    rows = []
+    for pairs, site in ((known, known_site), (asked, asked_site)):
+        *named, turned = one_way(*pairs)
+        place = np.zeros((len(turned), 2), np.int64) if site is None else np.where(turned[:, None], site[:, ::-1], site)
+        rows.append(np.column_stack([*named, place]))
     count = len(rows[0])
     _, key = np.unique(np.vstack(rows), axis=0, return_inverse=True)
     key = key.reshape(-1)

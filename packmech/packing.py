@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.honors import LINK_TOLERANCE, STRAINED
-from packmech.links import Links
+from packmech.links import Links, image_offsets
 from packmech.shapes import Beads, Bodies, Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
@@ -339,16 +339,54 @@ class Packing:
         """
         return self.bodies.turn_basis(self.radius_n)
 
+    @property
+    def cluster_n(self) -> NDArray[np.int64]:
+        """The (N,) number of the cluster of linked particles of each; a particle without links is one of its own."""
+        return self.rigid_links.clusters(self.particles)
+
+    @property
+    def unwrapping_nd(self) -> NDArray[np.int64]:
+        """The (N, d) lattice vectors, by their numbers, that bring every cluster into one piece (`image_offsets`)."""
+        return self._unwrapped[0]
+
+    @property
+    def winding_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles of clusters that close around the box."""
+        return self._unwrapped[1]
+
+    @functools.cached_property
+    def _unwrapped(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        return image_offsets(self.rigid_links, self.particles)
+
+    def moved(self, displacement_nq: NDArray[np.float64]) -> Packing:
+        """Return the packing after (N, d + K) displacements, turns measured in lengths last."""
+        d = self.dimension
+        position = self.position_nd + displacement_nq[:, :d]
+        rotation = np.einsum("nk,nkt->nt", displacement_nq[:, d:], self.turn_nkt)
+        return self.replace(position_nd=position, shapes=self.bodies.turned(rotation))
+
+    @functools.cached_property
+    def spin_nkk(self) -> NDArray[np.float64]:
+        """The (N, k, k) rotations that one length of each of k coordinates makes, where friction turns every particle.
+
+        Angles times radii of gyration are lengths; k = 1 in a plane and 3 in space.
+        """
+        return self.bodies.spin_basis(self.radius_n)
+
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
-        """Return the packing of some of the particles, by number or by (N,) truth, with links between them."""
+        """Return the packing of some of the particles, by number or by (N,) truth, with links between them.
+
+        The links are those of the packing that join particles which are kept, unless others are given.
+        """
         given = self.given_mass_n
+        number = _numbers_of(kept_n, self.particles)
         return Packing(
             self.position_nd[kept_n],
             self.radius_n[kept_n],
             self.box,
-            links,
+            self.rigid_links.numbered(number) if links is None else links,
             None if given is None else given[kept_n],
-            None if self.tangential is None else self.tangential.numbered(_numbers_of(kept_n, self.particles)),
+            None if self.tangential is None else self.tangential.numbered(number),
             self.bodies.select(kept_n),  # type: ignore[arg-type]
         )
 

@@ -129,6 +129,11 @@ class Discs:
         """Return 1, and by how much the stiffness over mass of tangential springs exceeds that of contacts."""
         return 1.0, 3.0 if self.dimension == 2 else 3.5
 
+    def spin_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, k, k) rotations that one length of each coordinate makes where friction turns them; k = 1 or 3."""
+        k, share = (1, 0.5) if self.dimension == 2 else (3, 0.4)
+        return np.asarray(np.eye(k) / (np.sqrt(share) * np.asarray(radius_n))[:, None, None])
+
     def turn_basis(self, radius_n: Any) -> NDArray[np.float64]:
         """Return an array (N, 0, 0): no coordinates of turns, and no rotations along which slopes are taken."""
         return np.zeros((self.count, 0, 0))
@@ -288,6 +293,16 @@ class Spheroids(_Turned):
         first = np.cross(self.director_nd, aside)
         first /= np.sqrt((first**2).sum(axis=1, keepdims=True))
         return np.asarray(np.stack([first, np.cross(self.director_nd, first)], axis=1) * rate[:, None, None])
+
+    def spin_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, k, k) rotations as `turn_basis` does, where friction turns discs and about the axes, too."""
+        rate = 1.0 / self.gyration(radius_n)[:, None, None]
+        if self.dimension == 2:
+            return np.asarray(rate)
+        across = Spheroids(np.full(len(self), 2.0), self.director_nd).turn_basis(np.ones(len(self)))
+        across /= np.sqrt((across**2).sum(axis=2, keepdims=True))
+        about = self.director_nd / (np.sqrt(0.4) * self.semi_axes(radius_n)[1])[:, None]
+        return np.concatenate([across * rate, about[:, None]], axis=1)
 
     def turned(self, rotation_nt: NDArray[np.float64]) -> Spheroids:
         """Return the shapes turned by (N, 1) angles in a plane, or (N, 3) rotation vectors in space."""
@@ -499,10 +514,16 @@ class Beads(_Turned):
 
         As of `Spheroids.turn_basis`, about the axes of the bodies. Zeros for single beads, and about rows of beads.
         """
-        rate = self.turn_rates(radius_n)
+        return self._about_axes(self.turn_rates(radius_n))
+
+    def spin_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, k, k) rotations as `turn_basis` does, where friction turns single beads and rows of beads, too."""
+        return self._about_axes(1.0 / (self.gyration_nk * np.asarray(radius_n)[:, None]))
+
+    def _about_axes(self, rate_nk: NDArray[np.float64]) -> NDArray[np.float64]:
         if self.dimension == 2:
-            return rate[:, :, None]
-        return np.asarray(self.frames().transpose(0, 2, 1) * rate[:, :, None])
+            return rate_nk[:, :, None]
+        return np.asarray(self.frames().transpose(0, 2, 1) * rate_nk[:, :, None])
 
     def turned(self, rotation_nt: NDArray[np.float64]) -> Beads:
         """Return the shapes turned by (N, 1) angles in a plane, or (N, 3) rotation vectors in space."""

@@ -7,8 +7,8 @@ import pytest
 
 import packmech as pm
 from packmech.contacts.fused_volume import union_moments
-from packmech.contacts.shape_rattlers import free_turns
 from packmech.mechanics.network import contact_network
+from packmech.mechanics.quartic import free_turns
 
 REPULSION = (pm.Repulsion(),)
 BENT = pm.Cluster([[0.0, 0.0], [0.7, 0.0], [1.0, 0.5]], [0.5, 0.4, 0.3])

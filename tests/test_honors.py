@@ -182,7 +182,7 @@ def test_what_a_call_does_not_honor_is_refused_with_the_way_out(call):
 def test_links_are_refused_by_calls_that_would_ignore_them():
     linked = small().replace(links=pm.Links([0], [1], [[0, 0]], [np.hypot(0.9, 0.02)]))
     refused = [name for name in CALLS if CALLS[name].answer("links") == REFUSED]
-    assert "contact_forces" in refused and "cement" not in refused and "simulate" not in refused
+    assert "complex_modulus" in refused and "cement" not in refused and "simulate" not in refused
     for call in refused:
         packing_only = CALLS[call].packing_only
         subject = linked if packing_only else pm.Scene(linked, (pm.Repulsion(),))
@@ -204,7 +204,7 @@ def test_what_calls_at_rest_refuse_in_one_scene_is_declared():
     first = pm.find_contacts(packing).select(np.arange(1))
     links = pm.Links(first.i_c, first.j_c, first.image_cd, first.distance_c)
     # whether these take their time is asked elsewhere: only what they refuse
-    slow = {"quench", "jam", "anneal_shape"}
+    slow = {"quench", "jam", "settle", "anneal_shape"}
     calls = RESTING | {
         "hessian": lambda scene: pm.hessian(scene, "none"),
         "jam": lambda scene: pm.jam(scene, pressure=1e-4),

@@ -135,9 +135,9 @@ def test_links_of_particles_that_are_not_there_are_refused():
 def test_calls_that_would_ignore_links_refuse_them():
     packing, _ = stored("random_trimer_2d_w2.5")
     with pytest.raises(
-        ValueError, match="scene.packing must have no links for pm.frictional_modes, which would ignore them, got 9"
+        ValueError, match="scene.packing must have no links for pm.complex_modulus, which would ignore them, got 9"
     ):
-        pm.frictional_modes(pm.Scene(packing, (pm.Repulsion(), pm.Friction(coefficient=0.5))))
+        pm.complex_modulus(pm.Scene(packing, (pm.Repulsion(), pm.Friction(coefficient=0.5))), [0.1])
 
 
 def test_links_are_found_from_either_end():

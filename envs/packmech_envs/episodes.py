@@ -17,6 +17,24 @@ Infos = dict[str, NDArray[Any]]
 _ROUNDING = float(np.finfo(np.float32).eps)
 
 
+def reset_options(options: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
+    """Return the options of a reset after checking that they hold nothing but these.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming what is wrong.
+
+    """
+    if not isinstance(options, dict | None):
+        raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
+    given: dict[str, Any] = options or {}
+    if set(given) - set(allowed):
+        names = f"hold nothing but {', '.join(map(repr, allowed))}" if allowed else "be empty"
+        raise ValueError(f"options must {names}, got {sorted(given)}")
+    return given
+
+
 class Episodes(Protocol):
     """Episodes of B packings, stepped together; a single environment steps one.
 

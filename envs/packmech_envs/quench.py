@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
-from packmech_envs.episodes import Infos
+from packmech_envs.episodes import Infos, reset_options
 from packmech_envs.tasks import LEFT_OUT, boolean, budget, one_of, positive, quenchable, real, scene_of
-from packmech_envs.turned import Turned
+from packmech_envs.turned import ObservedOrientations
 
 __all__ = ["TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
 
@@ -261,7 +261,7 @@ class QuenchEpisodes:
         if task.shear_modulus:
             names.append("shear_modulus")
             bounds.append((-_LARGEST_STRESS, _LARGEST_STRESS))
-        self._turned = Turned(packing, task.orientations)
+        self._turned = ObservedOrientations(packing, task.orientations)
         names += self._turned.names
         bounds += self._turned.bounds
         self.observation_names = tuple(names)
@@ -317,10 +317,7 @@ class QuenchEpisodes:
 
     def start(self, index_k: Sequence[int], rngs: Sequence[np.random.Generator], options: Any) -> None:
         """Start new episodes of these packings, each with its own generator; nothing of the old ones is left."""
-        if not isinstance(options, dict | None):
-            raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
-        if options:
-            raise ValueError(f"options must be empty, got {sorted(options)}")
+        reset_options(options, ())
         for b, rng in zip(index_k, rngs, strict=True):
             self.batch.restart(int(b), self._drawn(rng), relax=self.batch.relax == "full")
         index = np.asarray(index_k, dtype=np.int64)

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech_envs import shear_goals as goals
-from packmech_envs.episodes import Infos
+from packmech_envs.episodes import Infos, reset_options
 from packmech_envs.shear_goals import GOING, REASONS, Goal, goal_of, score_frames
 from packmech_envs.tasks import LINKS, boolean, budget, count, one_of, positive, scene_of, shearable
-from packmech_envs.turned import Turned
+from packmech_envs.turned import ObservedOrientations
 
 __all__ = ["ShearEpisodes", "ShearTask"]
 
@@ -237,7 +237,7 @@ class ShearEpisodes:
         self.action_space = gym.spaces.Box(np.array(low), np.array(high), dtype=np.float64)
         figures = self._figures()
         scored = (*figures, *self.goal.observed)
-        self._turned = Turned(first.packing, task.orientations)
+        self._turned = ObservedOrientations(first.packing, task.orientations)
         self.observation_names = (*scored, *self._turned.names)
         self.info_names = (*_INFOS, *self.goal.terms, *self.goal.infos)
         self.observation_space = self._space()
@@ -387,10 +387,5 @@ def _kind(name: str) -> str:
 
 def _rate(options: Any) -> float:
     """Return the strain rate at the start, from the options of a reset."""
-    if not isinstance(options, dict | None):
-        raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
-    given = dict(options or {})
-    rate: float = given.pop("rate", 0.0)
-    if given:
-        raise ValueError(f"options must hold nothing but 'rate', the strain rate at the start, got {sorted(given)}")
+    rate: float = reset_options(options, ("rate",)).get("rate", 0.0)
     return rate

@@ -31,8 +31,28 @@ FOLLOW, DISSIPATE, YIELD = range(3)
 WEIGHT_FAILURE, RATE_SCALE, OWN = range(3)
 
 
+class _Goal:
+    """What all goals share: fields are checked, and episodes are all alike unless something is drawn."""
+
+    positive_fields: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        given: Any = self
+        for field in fields(given):
+            value = getattr(self, field.name)
+            if field.name == "random":
+                boolean("random", value)
+            elif field.name not in self.positive_fields:
+                real(field.name, value)
+            elif value is not None or field.name != "period":
+                positive(field.name, value)
+
+    def draw(self, rng: np.random.Generator, memory_k: NDArray[np.float64], pressure_unit: float) -> None:
+        """Draw what differs from episode to episode: nothing."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class FollowStress:
+class FollowStress(_Goal):
     """Keep the shear stress at a target: constant, or a sine.
 
     Observed beside the rest: "target_stress", the one for the end of the coming frame [energy/length^d]. In infos:
@@ -67,9 +87,7 @@ class FollowStress:
     terms: ClassVar[tuple[str, ...]] = ("reward_stress", "reward_effort", "reward_failure")
     infos: ClassVar[tuple[str, ...]] = ("stress_error",)
     observed: ClassVar[tuple[str, ...]] = ("target_stress",)
-
-    def __post_init__(self) -> None:
-        _check(self, ("amplitude", "period"))
+    positive_fields: ClassVar[tuple[str, ...]] = ("amplitude", "period")
 
     def numbers(self, pressure_unit: float, volume: float) -> list[float]:
         """Return the numbers of the goal in the compiled scores."""
@@ -85,7 +103,7 @@ class FollowStress:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DissipateLeast:
+class DissipateLeast(_Goal):
     """Bring the strain to a target and dissipate as little energy on the way as possible.
 
     What is dissipated is the work done by the shear less what elastic and kinetic energies gained, by the trapezoidal
@@ -122,9 +140,10 @@ class DissipateLeast:
     terms: ClassVar[tuple[str, ...]] = ("reward_progress", "reward_dissipation", "reward_time", "reward_failure")
     infos: ClassVar[tuple[str, ...]] = ("dissipated_energy",)
     observed: ClassVar[tuple[str, ...]] = ("strain_to_go", "dissipated_energy")
+    positive_fields: ClassVar[tuple[str, ...]] = ("tolerance",)
 
     def __post_init__(self) -> None:
-        _check(self, ("tolerance",))
+        super().__post_init__()
         if self.target_strain == 0.0:
             raise ValueError("target_strain must not be zero, got 0.0")
 
@@ -134,12 +153,9 @@ class DissipateLeast:
         weights = [self.weight_progress, self.weight_dissipation, self.weight_time]
         return [self.target_strain, self.tolerance, energy, *weights]
 
-    def draw(self, rng: np.random.Generator, memory_k: NDArray[np.float64], pressure_unit: float) -> None:
-        """Draw nothing: the goal is the same in every episode."""
-
 
 @dataclass(frozen=True, kw_only=True)
-class FindYieldStrain:
+class FindYieldStrain(_Goal):
     """Shear until the packing yields, and find the strain at which it did.
 
     It has yielded when the shear stress has fallen by a part of its peak while the strain went on; the yield strain is
@@ -177,9 +193,10 @@ class FindYieldStrain:
     terms: ClassVar[tuple[str, ...]] = ("reward_rise", "reward_found", "reward_time", "reward_failure")
     infos: ClassVar[tuple[str, ...]] = ("yield_strain", "yield_stress")
     observed: ClassVar[tuple[str, ...]] = ("yield_strain", "yield_stress")
+    positive_fields: ClassVar[tuple[str, ...]] = ("drop", "least_strain", "resolution")
 
     def __post_init__(self) -> None:
-        _check(self, ("drop", "least_strain", "resolution"))
+        super().__post_init__()
         if self.drop >= 1.0:
             raise ValueError(f"drop must be below 1, got {self.drop}")
 
@@ -187,9 +204,6 @@ class FindYieldStrain:
         """Return the numbers of the goal in the compiled scores."""
         weights = [self.weight_rise, self.weight_found, self.weight_time]
         return [self.drop, self.least_strain, self.resolution, pressure_unit, *weights]
-
-    def draw(self, rng: np.random.Generator, memory_k: NDArray[np.float64], pressure_unit: float) -> None:
-        """Draw nothing."""
 
 
 Goal = FollowStress | DissipateLeast | FindYieldStrain
@@ -220,18 +234,6 @@ def goal_of(goal: Any) -> Goal:
         names = ", ".join(map(repr, GOALS))
         raise ValueError(f"goal must be one of {names} or a record such as FollowStress(...), got {goal!r:.60}")
     return GOALS[goal]()
-
-
-def _check(goal: Any, positive_fields: tuple[str, ...]) -> None:
-    for field in fields(goal):
-        value = getattr(goal, field.name)
-        if field.name == "random":
-            boolean("random", value)
-        elif field.name in positive_fields:
-            if value is not None or field.name != "period":
-                positive(field.name, value)
-        else:
-            real(field.name, value)
 
 
 # rewards are the numbers that their formulas give in plain Python

@@ -24,7 +24,7 @@ Kind = TypeVar("Kind", bound=Episodes)
 
 
 class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzPickle, Generic[Kind]):
-    """The first of a batch of one packing, with pictures of it; a subclass gives `reset` and `step`.
+    """The first of a batch of one packing, with pictures of it; a subclass gives `step`, and what is kept of a start.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
         self.observation_space, self.action_space = episodes.observation_space, episodes.action_space
         self._actions = Actions(episodes.action_space)
         self._must_reset = True
+        self._start = 0.0
 
     @property
     def scene(self) -> pm.Scene:
@@ -75,6 +76,34 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
         if self._must_reset:
             raise gym.error.ResetNeeded("the environment must be reset before it can be stepped")
         return self._actions.one(action)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+        """Start an episode; return its first observation and info.
+
+        Parameters
+        ----------
+        seed
+            Of the environment's generator; None: it goes on.
+        options
+            Those that the environment has for a start; None: none.
+
+        """
+        super().reset(seed=seed)
+        self._start = time.process_time()
+        self._episodes.start([0], [self.np_random], options)
+        self._must_reset = False
+        self._begin()
+        self._screen.refresh(self._picture)
+        return self._episodes.observation_bk[0].copy(), self._info()
+
+    def _begin(self) -> None:
+        """Keep what scripts read of the start of an episode."""
+        raise NotImplementedError
+
+    def _info(self) -> dict[str, Any]:
+        return {name: array[0].item() for name, array in self._episodes.infos().items()}
 
     def render(self) -> NDArray[np.uint8] | str | None:
         """Return a picture of the packing, (H, W, 3) bytes, or a line of text; or show it in a window."""
@@ -122,7 +151,7 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
                               `pm.nematic_order`, without trace
     (_xx, _yy, _yz, _xz, _xy in space)
     director_0_x, ...         of shapes, with `orientations`: how each particle is         1, -1 to 1
-                              turned, see `packmech_envs.turned.Turned`
+                              turned, see `packmech_envs.turned.ObservedOrientations`
     ========================  ===========================================================  =========================
 
     d is the reference diameter and energy_scale / d^dimension the pressure unit.
@@ -229,27 +258,9 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
         """
         return self._episodes.action(packing_fraction_change, shear_strain)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode; return its first observation and info.
-
-        Parameters
-        ----------
-        seed
-            Of the environment's generator; None: it goes on.
-        options
-            None: there are none.
-
-        """
-        super().reset(seed=seed)
-        start = time.process_time()
-        self._episodes.start([0], [self.np_random], options)
-        self._must_reset = False
+    def _begin(self) -> None:
         self._rows, self._fractions, self._counts = [], [], (0, 0)
-        self._record_step(start)
-        self._screen.refresh(self._picture)
-        return self._episodes.observation_bk[0].copy(), self._info()
+        self._record_step()
 
     def step(self, action: Any) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         """Strain and relax; return observation, reward, terminated, truncated and info.
@@ -264,24 +275,21 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
         """
         episodes = self._episodes
         checked = self._checked(action)
-        start = time.process_time()
+        self._start = time.process_time()
         episodes.advance(checked, self._active_b)
-        self._record_step(start)
+        self._record_step()
         self._screen.refresh(self._picture)
         ended = bool(episodes.terminated_b[0]), bool(episodes.truncated_b[0])
         return episodes.observation_bk[0].copy(), float(episodes.reward_b[0]), *ended, self._info()
 
-    def _record_step(self, start: float) -> None:
+    def _record_step(self) -> None:
         batch = self._episodes.batch
-        self._seconds = time.process_time() - start + (self._seconds if self._rows else 0.0)
+        self._seconds = time.process_time() - self._start + (self._seconds if self._rows else 0.0)
         steps, evaluations = self._counts
         self._counts = steps + int(batch.steps_b[0]), evaluations + int(batch.force_evaluations_b[0])
         row = {name: getattr(batch, f"{name}_b")[0].item() for name in ("energy", "pressure", "contacts", "max_force")}
         self._rows.append({"step": len(self._rows), **row})
         self._fractions.append(float(batch.packing_fraction_b[0]))
-
-    def _info(self) -> dict[str, Any]:
-        return {name: array[0].item() for name, array in self._episodes.infos().items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -433,28 +441,12 @@ class ShearEnv(SingleEnv[ShearEpisodes]):
             batch.axes,
         )
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode; return its first observation and info.
-
-        Parameters
-        ----------
-        seed
-            Of the environment's generator; None: it goes on.
-        options
-            {"rate": r} for a strain rate at the start.
-
-        """
-        super().reset(seed=seed)
-        episodes = self._episodes
-        episodes.start([0], [self.np_random], options)
+    def _begin(self) -> None:
         self._frames = 0
-        self._figure_tk[0] = episodes.batch.figure_bk[0]
-        self._must_reset = False
-        self._screen.refresh(self._picture)
-        info = dict(zip(episodes.info_names, episodes.result_k[:-2].tolist(), strict=True))
-        return episodes.observation_bk[0].copy(), info
+        self._figure_tk[0] = self._episodes.batch.figure_bk[0]
+
+    def _info(self) -> dict[str, Any]:
+        return dict(zip(self._episodes.info_names, self._episodes.result_k[:-2].tolist(), strict=True))
 
     def step(self, action: Any) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         """Shear for a frame; return observation, reward, terminated, truncated and info.

@@ -257,7 +257,7 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse", friction: str = "refus
         if isinstance(one, pm.Bonds):
             if bonds == "refuse" and len(one):
                 raise ValueError(
-                    f"scene must have no bonds here, which no minimizer knows, got {len(one)} in effects[{k}]; "
+                    f"scene must have no bonds here, which batches do not know, got {len(one)} in effects[{k}]; "
                     'bonds="leave out" quenches the packing without them'
                 )
         elif isinstance(one, pm.Friction):

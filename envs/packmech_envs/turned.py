@@ -20,7 +20,7 @@ def _have_directors(packing: pm.Packing) -> bool:
     return True
 
 
-class Turned:
+class ObservedOrientations:
     """What an observation says of how particles are turned; nothing of discs and spheres.
 
     Parameters

@@ -379,8 +379,8 @@ def constraint_basis(
     started = time.process_time()
     size, strains = packing.position_nd.size, 0 if strain == "none" else strain_components(packing.dimension)
     with single_thread():
-        position, stretch = link_rows(packing, form)
         links = ConstraintFactor(packing)
+        position, stretch = link_rows(links, form)
         blocks = cluster_blocks(position, links.cluster_l, links.cluster_n, method, tolerance, limit)
         link_rank = sum(block.basis_xr.shape[1] for block in blocks)
         motions = np.zeros((size, 0))

@@ -28,13 +28,12 @@ def scale_of_strain(packing: Packing, strain_scale: float | None) -> float:
     return positive("strain_scale", strain_scale)
 
 
-def link_rows(packing: Packing, form: str = "exact") -> tuple[sp.csc_array, NDArray[np.float64]]:
+def link_rows(links: ConstraintFactor, form: str = "exact") -> tuple[sp.csc_array, NDArray[np.float64]]:
     """Return Omega, the (N d, L) derivatives of the links' lengths by the positions, and (s, L) by Mandel strains."""
-    factor = ConstraintFactor(packing)
-    position, strain = factor.gradient_lx.T.tocsc(), factor.strain_le.T
-    if form == "paper" and factor.links is not None:
+    position, strain = links.gradient_lx.T.tocsc(), links.strain_le.T
+    if form == "paper" and links.links is not None:
         # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
-        over = factor.pairs.distance_c / factor.links.length_l
+        over = links.pairs.distance_c / links.links.length_l
         position, strain = position.multiply(over).tocsc(), strain * over
     return position, strain
 
@@ -87,7 +86,7 @@ def constraint_jacobian(
     one_of("strain", strain, LINK_STRAINS)
     one_of("form", form, FORMS)
     scale = scale_of_strain(packing, strain_scale)
-    position, rows = link_rows(packing, form)
+    position, rows = link_rows(ConstraintFactor(packing), form)
     if strain == "none":
         return position
     matrix = sp.vstack([position, sp.csr_array(rows / scale)], format="csc")

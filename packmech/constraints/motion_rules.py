@@ -54,7 +54,7 @@ def link_rules(packing: Packing, kept_n: NDArray[np.int64]) -> LinkRules:
     Parameters
     ----------
     packing
-        The packing, with links.
+        The packing; without links there are no rows.
     kept_n
         (N',) numbers of the particles that move, increasing.
 

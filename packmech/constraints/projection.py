@@ -218,7 +218,7 @@ def project_force(
     method = "householder" if method == "clusters" else method
     with single_thread():
         basis = constraint_basis(packing, strain, method=method, strain_scale=scale)
-        position, stretch = link_rows(packing)
+        position, stretch = link_rows(ConstraintFactor(packing))
         found = _by_basis(basis, stretch / scale, force, pull, scale, strain)
     left, strain_left, *_ = found
     rate = np.abs(position.T @ left.ravel() + stretch.T @ strain_left / scale).max(initial=0.0)
@@ -387,15 +387,19 @@ def scale_box(packing: Packing, factor: float) -> Packing:
         Factor on the lattice vectors [1].
 
     """
-    box, links = packing.box.scaled(factor), packing.links
+    return strain_box(packing, (factor - 1.0) * np.eye(packing.dimension))
+
+
+def strain_box(packing: Packing, gradient_dd: NDArray[np.float64]) -> Packing:
+    """Return the packing with its box strained by a (d, d) displacement gradient, as `scale_box` scales it."""
+    box, links = packing.box.strained(gradient_dd), packing.links
     if links is None:
-        return packing.replace(position_nd=packing.position_nd * factor, box=box)
+        return packing.replace(position_nd=packing.position_nd + packing.position_nd @ gradient_dd.T, box=box)
     offset, winding = image_offsets(links, packing.particles)
     cluster = links.clusters(packing.particles)
     count = np.bincount(cluster)
-    apart = offset @ packing.box.lattice_dd.T
-    place = packing.position_nd + apart
+    place = packing.position_nd + offset @ packing.box.lattice_dd.T
     center = np.stack([np.bincount(cluster, place[:, a]) / count for a in range(packing.dimension)], axis=1)[cluster]
-    moved = np.where(winding[:, None], place * factor, place + (factor - 1.0) * center)
+    moved = place + np.where(winding[:, None], place, center) @ gradient_dd.T
     position = moved - offset @ box.lattice_dd.T
     return ConstraintFactor(packing, workable_links(packing)).projected(packing.replace(position_nd=position, box=box))

@@ -220,57 +220,39 @@ def dependence(packing: Packing, tolerance: float = SINE) -> Dependence:
     return Dependence(independent, np.array(sorted(redundant), dtype=np.int64), tuple(degenerate))
 
 
-def disagreement(packing: Packing, found: Dependence) -> NDArray[np.float64]:
-    """Return the errors of redundant links where the independent ones have their lengths, over their scale [1].
-
-    Raises
-    ------
-    ValueError
-        If the independent links cannot be brought to their lengths from here.
-
-    """
-    links = packing.links
-    assert links is not None
-    mean = float(packing.diameter_n.mean())
-    place = np.array(packing.position_nd)
-    worst = 0.0
-    if found.independent_l.any():
-        settled = ConstraintFactor(packing, links.select(found.independent_l))
-        place, error_t = settled.project_positions(place, packing.box.lattice_dd, _SETTLED, _NEWTON_STEPS)
-        worst = float(error_t[-1])
-    if not worst < 1e-9:
-        raise ValueError(
-            f"packing must have links that can all have their lengths, got an error of {worst:.2g} at best"
-        )
-    spare = links.select(found.redundant_l)
-    distance = np.sqrt((spare.vectors(place, packing.box.lattice_dd) ** 2).sum(axis=1))
-    return np.asarray((distance - spare.length_l) / np.maximum(spare.length_l, mean))
-
-
 def check_consistent(packing: Packing, found: Dependence, tolerance: float) -> float:
-    """Return the largest disagreement of a redundant link.
+    """Return the largest error of a redundant link where the independent ones have their lengths, over its scale [1].
 
     Raises
     ------
     ValueError
-        Naming the pair whose length disagrees with the others.
+        If the independent links cannot be brought to their lengths from here; or naming the pair whose length disagrees
+        with the others by more than the tolerance.
 
     """
     if not len(found.redundant_l):
         return 0.0
     links = packing.links
     assert links is not None
-    error = disagreement(packing, found)
-    worst = int(np.abs(error).argmax())
-    if abs(error[worst]) > tolerance:
-        k = int(found.redundant_l[worst])
-        scale = max(float(links.length_l[k]), float(packing.diameter_n.mean()))
-        given, fits = float(links.length_l[k]), float(links.length_l[k]) + float(error[worst]) * scale
+    place, lattice, worst = packing.position_nd, packing.box.lattice_dd, 0.0
+    if found.independent_l.any():
+        settled = ConstraintFactor(packing, links.select(found.independent_l))
+        place, error_t = settled.project_positions(place, lattice, _SETTLED, _NEWTON_STEPS)
+        worst = float(error_t[-1])
+    if not worst < 1e-9:
         raise ValueError(
-            f"packing must have redundant links that agree with the others, got length {given:.12g} for the link of "
-            f"particles {links.i_l[k]} and {links.j_l[k]}, which the others hold at {fits:.12g}"
+            f"packing must have links that can all have their lengths, got an error of {worst:.2g} at best"
         )
-    return float(abs(error[worst]))
+    spare = links.select(found.redundant_l)
+    fits_l = np.sqrt((spare.vectors(place, lattice) ** 2).sum(axis=1))
+    error_l = np.abs(fits_l - spare.length_l) / np.maximum(spare.length_l, float(packing.diameter_n.mean()))
+    k = int(error_l.argmax())
+    if error_l[k] > tolerance:
+        raise ValueError(
+            f"packing must have redundant links that agree with the others, got length {spare.length_l[k]:.12g} for "
+            f"the link of particles {spare.i_l[k]} and {spare.j_l[k]}, which the others hold at {fits_l[k]:.12g}"
+        )
+    return float(error_l[k])
 
 
 @honors("links", packing_only=True, link_tolerance=ANY_LENGTH)

@@ -33,7 +33,9 @@ def bead_contacts(
     distance = np.sqrt((apart_cd**2).sum(axis=1))
     normal = apart_cd / distance[:, None]
     # (C, d, X): how the vector between the beads moves with each coordinate
-    shift = np.concatenate([np.broadcast_to(np.eye(d), (count, d, d)), -_turned(arm_i_cd), _turned(arm_j_cd)], axis=2)
+    shift = np.concatenate(
+        [np.broadcast_to(np.eye(d), (count, d, d)), -turned_arms(arm_i_cd), turned_arms(arm_j_cd)], axis=2
+    )
     slope = (normal[:, :, None] * shift).sum(axis=1)
     if not second:
         return distance, slope, np.zeros((0, slope.shape[1], slope.shape[1]))
@@ -45,7 +47,7 @@ def bead_contacts(
     return distance, slope, curvature
 
 
-def _turned(arm_cd: NDArray[np.float64]) -> NDArray[np.float64]:
+def turned_arms(arm_cd: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (C, d, t) how turns move the ends of arms: the cross product of each axis of rotation with the arm."""
     if arm_cd.shape[1] == 2:
         return np.stack([-arm_cd[:, 1], arm_cd[:, 0]], axis=1)[:, :, None]

@@ -75,17 +75,12 @@ def crossing_links(packing: Packing) -> Crossings:
     instance("packing", packing, Packing)
     if packing.dimension != 2:
         raise ValueError(f"packing must have two dimensions for links to cross, got {packing.dimension}")
-    if packing.links is None:
-        none = np.zeros(0, dtype=np.int64)
-        return Crossings(none, none, np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2)))
-    return find_crossings(packing.position_nd, packing.box, packing.links)
+    return find_crossings(packing.position_nd, packing.box, packing.rigid_links)
 
 
 def find_crossings(position_nd: NDArray[np.float64], box: Box, links: Links) -> Crossings:
     """Return the pairs of bonds that cross; see ``crossing_links``."""
-    shape = links.shape_l
-    assert shape is not None
-    bond = np.flatnonzero(~shape)
+    bond = np.flatnonzero(~links.shape_l)
     if not len(bond):
         return _sorted(bond, bond, np.zeros((0, 2), dtype=np.int64), np.zeros((0, 2)))
     i_l, j_l, image_ld = links.i_l[bond], links.j_l[bond], links.image_ld[bond]
@@ -138,8 +133,7 @@ def near_links(packing: Packing, reach: float) -> NearLinks:
 
     Pairs a little further apart may be among them.
     """
-    links = packing.links
-    assert links is not None and links.shape_l is not None
+    links = packing.rigid_links
     bond = np.flatnonzero(~links.shape_l)
     start_ld, along_ld = _segments(packing, bond)
     half_l = 0.5 * np.sqrt((along_ld**2).sum(axis=1)) + 1e-300
@@ -157,8 +151,7 @@ def near_links(packing: Packing, reach: float) -> NearLinks:
 
 def _segments(packing: Packing, link: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where links start and their vectors."""
-    links = packing.links
-    assert links is not None
+    links = packing.rigid_links
     start = packing.position_nd[links.i_l[link]]
     end = packing.position_nd[links.j_l[link]] + links.image_ld[link] @ packing.box.lattice_dd.T
     return start, end - start

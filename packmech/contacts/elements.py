@@ -53,12 +53,37 @@ class PairGeometry(Protocol):
         """The (C, d) vectors from center i to center j [length]."""
 
     @property
+    def normal_cd(self) -> NDArray[np.float64]:
+        """The (C, d) unit vectors along which the pairs push, from i to j [1]."""
+
+    @property
+    def push_c(self) -> NDArray[np.float64]:
+        """The (C,) sizes of the forces over the derivatives of the energies by the distances [1]."""
+
+    @property
     def slope_cx(self) -> NDArray[np.float64]:
         """The (C, X) slopes of the distances along the pairs' coordinates."""
 
     @property
     def curvature_cxx(self) -> NDArray[np.float64]:
         """The (C, X, X) second derivatives of the distances."""
+
+    @property
+    def turn_nkt(self) -> NDArray[np.float64]:
+        """The (N, K, t) rotations that one length of each coordinate of turns makes; K = 0 where nothing turns."""
+
+    def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) vectors from center i to the point of contact [length]."""
+
+    def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d, X) derivatives of these by the pairs' coordinates, rotations among them."""
+
+
+def normal_slopes(pairs: PairGeometry) -> NDArray[np.float64]:
+    """Return the (C, d, X) derivatives of the normals by the pairs' coordinates."""
+    d, normal = pairs.dimension, pairs.normal_cd
+    bent = pairs.curvature_cxx[:, :d] / pairs.push_c[:, None, None]
+    return np.asarray(bent - normal[:, :, None] * (normal[:, :, None] * bent).sum(axis=1)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,19 +153,69 @@ def check_centers(pairs: PairGeometry, first_c: NDArray[np.float64]) -> None:
         )
 
 
-def distance_rows(pairs: PairGeometry, turn_nkt: NDArray[np.float64] | None = None) -> sp.csr_array:
-    """Return the (C, N q) derivatives of the pairs' distances by the coordinates of the particles, q = d + K of each.
+def end_slopes(
+    i_c: NDArray[np.int64],
+    j_c: NDArray[np.int64],
+    slope_cx: NDArray[np.float64],
+    turn_nkt: NDArray[np.float64],
+    dimension: int,
+) -> NDArray[np.float64]:
+    """Return the (2, C, q) slopes along the coordinates of i and of j, q = d + K: positions, then turns as lengths.
 
     Parameters
     ----------
-    pairs
-        The pairs.
+    i_c, j_c
+        (C,) particles of the pairs.
+    slope_cx
+        (C, X) slopes along vectors and rotations, or along vectors alone.
     turn_nkt
-        (N, K, t) rotations per length of each coordinate of turns; None where nothing turns.
+        (N, K, t) rotations per length of each coordinate of turns; K = 0 where nothing turns.
+    dimension
+        Number of Cartesian axes d.
 
     """
-    turn = np.zeros((pairs.particles, 0, 0)) if turn_nkt is None else turn_nkt
-    return pair_rows(pairs.i_c, pairs.j_c, pairs.slope_cx, turn, pairs.dimension)
+    d, (turns, t) = dimension, turn_nkt.shape[1:]
+    ends = np.zeros((2, len(i_c), d + turns))
+    ends[0, :, :d], ends[1, :, :d] = -slope_cx[:, :d], slope_cx[:, :d]
+    if turns and slope_cx.shape[1] > d:
+        ends[0, :, d:] = np.einsum("ckt,ct->ck", turn_nkt[i_c], slope_cx[:, d : d + t])
+        ends[1, :, d:] = np.einsum("ckt,ct->ck", turn_nkt[j_c], slope_cx[:, d + t :])
+    return ends
+
+
+def sum_ends(pairs: PairGeometry, weight_c: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (N, q) slopes of the sum of the distances times weights: with du/drho those of the energy."""
+    slope = weight_c[:, None] * pairs.slope_cx
+    return sum_slopes(pairs.i_c, pairs.j_c, slope, pairs.turn_nkt, pairs.dimension)
+
+
+def sum_slopes(
+    i_c: NDArray[np.int64],
+    j_c: NDArray[np.int64],
+    slope_cx: NDArray[np.float64],
+    turn_nkt: NDArray[np.float64],
+    dimension: int,
+) -> NDArray[np.float64]:
+    """Return the (N, q) sums of the slopes of pairs along the coordinates of each particle, arguments as above.
+
+    Of pulls dE/dxi these are minus the net forces and, over radii of gyration, torques.
+    """
+    d, (particles, turns, t) = dimension, turn_nkt.shape
+    total = np.zeros((particles, d + turns))
+    for a in range(d):
+        total[:, a] = np.bincount(j_c, slope_cx[:, a], particles) - np.bincount(i_c, slope_cx[:, a], particles)
+    if turns and slope_cx.shape[1] > d:
+        turned = np.empty((particles, t))
+        for a in range(t):
+            turned[:, a] = np.bincount(i_c, slope_cx[:, d + a], particles)
+            turned[:, a] += np.bincount(j_c, slope_cx[:, d + t + a], particles)
+        total[:, d:] = np.einsum("nkt,nt->nk", turn_nkt, turned)
+    return total
+
+
+def distance_rows(pairs: PairGeometry) -> sp.csr_array:
+    """Return the (C, N q) derivatives of the pairs' distances by the q = d + K coordinates of each particle."""
+    return pair_rows(pairs.i_c, pairs.j_c, pairs.slope_cx, pairs.turn_nkt, pairs.dimension)
 
 
 def pair_rows(
@@ -152,56 +227,35 @@ def pair_rows(
 ) -> sp.csr_array:
     """Return the (C, N q) derivatives, by the coordinates of the particles, of what has these slopes along its pair's.
 
-    Parameters
-    ----------
-    i_c, j_c
-        (C,) particles of the pairs, i <= j.
-    slope_cx
-        (C, X) slopes along vectors and rotations.
-    turn_nkt
-        (N, K, t) rotations per length of each coordinate of turns; K = 0 where nothing turns.
-    dimension
-        Number of Cartesian axes.
-
+    Arguments are as in `end_slopes`, with i <= j.
     """
     import scipy.sparse as sp
 
-    parts = _pair_rows(i_c, j_c, slope_cx, turn_nkt, dimension)
-    particles, turns = turn_nkt.shape[:2]
-    matrix = sp.csr_array(parts, shape=(len(i_c), particles * (dimension + turns)))
+    ends = end_slopes(i_c, j_c, slope_cx, turn_nkt, dimension)
+    size = len(turn_nkt) * ends.shape[2]
+    matrix = sp.csr_array(_pair_rows(i_c, j_c, ends), shape=(len(i_c), size))
     matrix.has_canonical_format = True
     return matrix
 
 
 @kernel
-def _pair_rows(i_c, j_c, slope_cx, turn_nkt, d):  # type: ignore[no-untyped-def]
+def _pair_rows(i_c, j_c, ends):  # type: ignore[no-untyped-def]
     """Return data, columns and row starts, without zeros; i <= j."""
-    count, (turns, t) = i_c.shape[0], turn_nkt.shape[1:]
-    q = d + turns
+    count, q = ends.shape[1:]
     data, column = np.empty(2 * q * count), np.empty(2 * q * count, np.int32)
     start = np.empty(count + 1, np.int32)
     at = 0
-    value = np.empty((2, q))
     for c in range(count):
         start[c] = at
-        i, j = i_c[c], j_c[c]
-        for a in range(d):
-            value[0, a], value[1, a] = -slope_cx[c, a], slope_cx[c, a]
-        for k in range(turns):
-            one = other = 0.0
-            for a in range(t):
-                one += turn_nkt[i, k, a] * slope_cx[c, d + a]
-                other += turn_nkt[j, k, a] * slope_cx[c, d + t + a]
-            value[0, d + k], value[1, d + k] = one, other
-        if i == j:
-            # a particle keeps its distance to its own image when it moves; it turns with it
+        own = i_c[c] == j_c[c]
+        for end in range(1 if own else 2):
+            n = i_c[c] if end == 0 else j_c[c]
             for a in range(q):
-                value[0, a] += value[1, a]
-        for end in range(1 if i == j else 2):
-            for a in range(q):
-                if value[end, a] != 0.0:
-                    data[at] = value[end, a]
-                    column[at] = (i if end == 0 else j) * q + a
+                # a particle keeps its distance to its own image when it moves; it turns with it
+                value = ends[0, c, a] + ends[1, c, a] if own else ends[end, c, a]
+                if value != 0.0:
+                    data[at] = value
+                    column[at] = n * q + a
                     at += 1
     start[count] = at
     return data[:at], column[:at], start

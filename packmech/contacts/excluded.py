@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.jit.compiled import kernel
-from packmech.links import image_offsets
 from packmech.packing import Packing
 
 # singular values below this, relative to the largest, belong to a motion that the links admit
@@ -49,13 +48,10 @@ def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
     A cluster that winds around the box counts as flexible; so does a particle without links.
     """
     rigid = np.zeros(packing.particles, dtype=bool)
-    links = packing.links
-    if links is None:
+    links, d, cluster, winding = packing.rigid_links, packing.dimension, packing.cluster_n, packing.winding_n
+    if not len(links):
         return rigid
-    d = packing.dimension
-    offset, winding = image_offsets(links, packing.particles)
-    unwrapped_nd = packing.position_nd + offset @ packing.box.lattice_dd.T
-    cluster = links.clusters(packing.particles)
+    unwrapped_nd = packing.position_nd + packing.unwrapping_nd @ packing.box.lattice_dd.T
     size, bonds = np.bincount(cluster), np.bincount(cluster[links.i_l], minlength=int(cluster.max()) + 1)
     order, link_order = np.argsort(cluster, kind="stable"), np.argsort(cluster[links.i_l], kind="stable")
     start, link_start = np.cumsum(size) - size, np.cumsum(bonds) - bonds
@@ -119,11 +115,8 @@ class Excluded:
     """The pairs of a packing that count as no contacts; made once for a packing and its later positions."""
 
     def __init__(self, packing: Packing) -> None:
-        links = packing.links
-        assert links is not None
-        self._links = links
-        self._offset, _ = image_offsets(links, packing.particles)
-        self._cluster = links.clusters(packing.particles)
+        self._links = links = packing.rigid_links
+        self._offset, self._cluster = packing.unwrapping_nd, packing.cluster_n
         self._rigid = rigid_clusters(packing)
         self._code = links.i_l * packing.particles + links.j_l
 

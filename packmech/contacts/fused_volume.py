@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from packmech.contacts.excluded import rigid_clusters
 from packmech.jit.compiled import device, kernel
-from packmech.links import image_offsets
 from packmech.packing import Packing
 from packmech.shapes import Beads
 
@@ -42,8 +41,8 @@ def shared_volume(packing: Packing) -> float:
         The packing.
 
     """
-    links = packing.links
-    if links is None:
+    links = packing.rigid_links
+    if not len(links):
         return 0.0
     position_nd, radius_n, lattice_dd = packing.position_nd, packing.radius_n, packing.box.lattice_dd
     rigid = rigid_clusters(packing)
@@ -51,8 +50,7 @@ def shared_volume(packing: Packing) -> float:
     linked = np.flatnonzero((links.length_l < reach_l) & ~rigid[links.i_l])
     i, j, image = links.i_l[linked], links.j_l[linked], links.image_ld[linked]
     if rigid.any():
-        offset, _ = image_offsets(links, packing.particles)
-        cluster = links.clusters(packing.particles)
+        offset, cluster = packing.unwrapping_nd, packing.cluster_n
         member = np.flatnonzero(rigid)
         member = member[np.argsort(cluster[member], kind="stable")]
         start = np.flatnonzero(np.diff(cluster[member], prepend=-1, append=-1))

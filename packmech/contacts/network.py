@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -160,13 +160,51 @@ class Contacts:
 
     @property
     def push_c(self) -> NDArray[np.float64]:
-        """The (C,) sizes of a force of a contact over du/dr: ones."""
+        """The (C,) sizes of a force of a contact over du/drho: 1."""
         return np.ones(len(self))
 
-    def distance_change(self, start: Contacts) -> NDArray[np.float64]:
-        """Return the (C,) changes of the distances of the same pairs since the start, from those of their vectors."""
-        change = self.vector_cd - start.vector_cd
-        return distance_change(start.vector_cd, change)[0]
+    @property
+    def turn_nkt(self) -> NDArray[np.float64]:
+        """An (N, 0, 0) array: discs and spheres have no coordinates of turns."""
+        return np.zeros((self.particles, 0, 0))
+
+    @property
+    def pairs(self) -> Candidates:
+        """The pairs, as `pair_contacts` takes them."""
+        return Candidates(self.i_c, self.j_c, self.image_cd)
+
+    def at(self, packing: Packing) -> Contacts:
+        """Return the same pairs where another packing of the same particles is, touching or not."""
+        return pair_contacts(packing, *self.pairs)
+
+    def among(self, kept_n: NDArray[np.bool_]) -> Contacts:
+        """Return the contacts both of whose particles are among the (N,) named ones."""
+        return self.select(kept_n[self.i_c] & kept_n[self.j_c])
+
+    def numbered(self, number_n: NDArray[np.int64], packing: Packing) -> Contacts:
+        """Return the contacts between the particles of another packing, by their new numbers."""
+        return replace(
+            self, i_c=number_n[self.i_c], j_c=number_n[self.j_c], particles=int(number_n.max(initial=-1)) + 1
+        )
+
+    @property
+    def bead_c2(self) -> None:
+        """Which beads of a pair touch: none, where particles have no beads."""
+        return None
+
+    def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) vectors from center i to the point of contact, the share r_i / (r_i + r_j) of the way."""
+        return self._share(radius_n)[:, None] * self.vector_cd
+
+    def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d, X) derivatives of these by the vectors and the rotations of i and of j."""
+        d = self.dimension
+        slope = np.zeros((len(self), d, 4 if d == 2 else 9))
+        slope[:, :, :d] = self._share(radius_n)[:, None, None] * np.eye(d)
+        return slope
+
+    def _share(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(radius_n[self.i_c] / (radius_n[self.i_c] + radius_n[self.j_c]))
 
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""

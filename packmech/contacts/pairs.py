@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
 from packmech.packing import Packing
 
+Pairs = Candidates | Contacts | ShapeContacts
+
 
 def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
     """Return the pairs of sites that touch when particles are grown by a factor and a skin, and perhaps some more.
+
+    None that links rule out: linked pairs, and those within a rigid cluster.
 
     Parameters
     ----------
@@ -22,16 +30,44 @@ def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Can
     """
     if packing.shapes is not None:
         return candidate_shapes(packing, scale, skin)
-    return candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
+    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
+    if packing.links is None:
+        return pairs
+    apart = ~Excluded(packing).mask(*pairs)
+    return Candidates(*(part[apart] for part in pairs))
 
 
-def measure_pairs(packing: Packing, pairs: Candidates) -> Contacts | ShapeContacts:
-    """Return the given pairs of sites, touching or not, as they are in a packing."""
-    return pair_contacts(packing, *pairs) if packing.shapes is None else shape_contacts(packing, pairs)
+def measure_pairs(packing: Packing, pairs: Candidates, *, second: bool = False) -> Contacts | ShapeContacts:
+    """Return the given pairs of sites, touching or not, as they are in a packing; with curvatures if `second`."""
+    return pair_contacts(packing, *pairs) if packing.shapes is None else shape_contacts(packing, pairs, second=second)
 
 
-def list_pairs(contacts: Contacts | ShapeContacts) -> Candidates:
+def list_pairs(pairs: Pairs) -> Candidates:
     """Return the pairs of sites, as `measure_pairs` takes them: particles, or the beads of bodies."""
-    if isinstance(contacts, ShapeContacts):
-        return contacts.pairs
-    return Candidates(contacts.i_c, contacts.j_c, contacts.image_cd)
+    return pairs if isinstance(pairs, Candidates) else pairs.pairs
+
+
+def pair_names(pairs: Pairs) -> list[tuple[int, ...]]:
+    """Return pairs of sites as (i, j, image)."""
+    return [tuple(row) for row in np.column_stack(list_pairs(pairs)).tolist()]
+
+
+def are_among(some: Pairs, others: Pairs) -> NDArray[np.bool_]:
+    """Return which of some pairs are among others, by sites and images."""
+    return np.isin(_keys(some), _keys(others))
+
+
+def places_among(some: Pairs, others: Pairs) -> NDArray[np.int64]:
+    """Return where pairs, all of them listed, are among others."""
+    key = _keys(others)
+    order = np.argsort(key)
+    return np.asarray(order[np.searchsorted(key[order], _keys(some))])
+
+
+def _keys(pairs: Pairs) -> NDArray[np.int64]:
+    """Return a number for each pair of sites and its image."""
+    sites = list_pairs(pairs)
+    key = np.asarray(sites.i_c * (1 << 24) + sites.j_c)
+    for column in sites.image_cd.T:
+        key = key * 401 + column + 200
+    return key

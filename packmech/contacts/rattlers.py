@@ -1,24 +1,79 @@
-"""Particles that their contacts do not hold, found again and again until none is left; contacts that a user gives."""
+"""Bodies that their contacts do not hold, found again and again until none is left: one rule on the rows of contacts.
+
+Where a contact meets a body it has a row: the slope of its distance along the body's coordinates, which is what a unit
+push does to them (`packmech.contacts.elements`); with friction also the rows of its tangential displacements. A body
+that only moves is held where its rows positively span its motions: any motion closes a contact. One that turns, too, is
+held where d + 1 contacts or more can balance it, by positive forces: motions that close none to first order are
+resisted by curvatures and forces. With friction two contacts suffice, whose forces lie in their cones.
+
+Contacts push, each by a unit normal force, with the wrenches p + mu T, where T is the tangential part of a unit force
+or less. Forces of all contacts balance, without being all zero, where zero is a mean of such wrenches. Wolfe's
+algorithm (Math. Program. 11, 128 (1976)) finds the mean of smallest size, over points without friction, segments in the
+plane and discs in space, whose farthest point in a direction is known: no cone is replaced by a pyramid. Either that
+mean gets as small as rounding, or the direction of it parts all wrenches from zero.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance
 from packmech.contacts.cells import sort_row
-from packmech.contacts.friction_cones import FrictionCones, can_balance
-from packmech.contacts.network import Contacts, pair_contacts
+from packmech.contacts.elements import PairGeometry, end_slopes
 from packmech.jit.compiled import device, kernel
-from packmech.packing import Packing
 
 # Two contacts opposite to within this angle [rad] count as exactly opposite, as in crystals: a third contact between
 # them could only be balanced by forces a hundred million times larger than itself.
 _OPPOSITE = 1e-8
 # angles [rad] and lengths this large are no matter of rounding
 _PLAIN = 1e-3
+# unbalanced part of the normal forces that counts as none [1]
+_BALANCED = 1e-6
+_ROUNDS = 1000
+# smallest pivot and weight, over the largest
+_ROUNDING = 1e-14
+
+
+class Ends(NamedTuple):
+    """Where contacts meet bodies, a row each; X coordinates of a body are d positions, then its turns.
+
+    Attributes
+    ----------
+    body_e
+        (E,) bodies.
+    other_e
+        (E,) bodies on the other side; -1 for what cannot rattle, such as a wall.
+    push_ex
+        (E, X) what a unit normal force does to the body.
+    side_esx
+        (E, d - 1, X) what unit tangential forces along orthonormal directions do; (E, 0, X) without friction.
+
+    """
+
+    body_e: NDArray[np.int64]
+    other_e: NDArray[np.int64]
+    push_ex: NDArray[np.float64]
+    side_esx: NDArray[np.float64]
+
+
+def join_ends(parts: Sequence[Ends]) -> Ends:
+    """Return the ends of several kinds of contacts; rows that lack turns or tangential forces have zeros there."""
+    sides, width = (max(one.side_esx.shape[k] for one in parts) for k in (1, 2))
+    push, side = [], []
+    for one in parts:
+        more = width - one.push_ex.shape[1]
+        push.append(np.pad(one.push_ex, ((0, 0), (0, more))))
+        side.append(np.pad(one.side_esx, ((0, 0), (0, sides - one.side_esx.shape[1]), (0, more))))
+    return Ends(
+        np.concatenate([one.body_e for one in parts]),
+        np.concatenate([one.other_e for one in parts]),
+        np.concatenate(push),
+        np.concatenate(side),
+    )
 
 
 @device
@@ -104,16 +159,16 @@ def _surely_balanced(normal: NDArray[np.float64], count: int) -> bool:
 @device
 def _is_free(
     normal: NDArray[np.float64],
+    d: int,
     x: NDArray[np.float64],
     y: NDArray[np.float64],
     angle: NDArray[np.float64],
     count: int,
 ) -> bool:
-    """Return whether a particle with the first `count` rows of `normal` as its contact normals can move.
+    """Return whether a particle with the first `count` rows of `normal`, d numbers each, as its normals can move.
 
     x, y and angle are room for as many numbers.
     """
-    d = normal.shape[1]
     if count < d + 1:
         return True
     if d == 2:
@@ -144,219 +199,275 @@ def _is_free(
     return False
 
 
+@device
+def _farthest(push, side, count, mu, x, best):  # type: ignore[no-untyped-def]
+    """Write the wrench that lies farthest against x; return its product with x."""
+    sides, p = side.shape[1:]
+    lowest = math.inf
+    chosen = 0
+    for k in range(count):
+        along = square = 0.0
+        for a in range(p):
+            along += x[a] * push[k, a]
+        for s in range(sides):
+            part = 0.0
+            for a in range(p):
+                part += x[a] * side[k, s, a]
+            square += part * part
+        value = along - mu * math.sqrt(square)
+        if value < lowest:
+            lowest = value
+            chosen = k
+    square = 0.0
+    for a in range(p):
+        best[a] = 0.0
+    for s in range(sides):
+        part = 0.0
+        for a in range(p):
+            part += x[a] * side[chosen, s, a]
+        square += part * part
+        for a in range(p):
+            best[a] += part * side[chosen, s, a]
+    scale = -mu / math.sqrt(square) if square > 0.0 else 0.0
+    for a in range(p):
+        best[a] = push[chosen, a] + scale * best[a]
+    return lowest
+
+
+@device
+def _nearest_weights(point, used, gram, weight):  # type: ignore[no-untyped-def]
+    """Write the weights, of sum 1 and any sign, of the combination of the points that is nearest to zero."""
+    p = point.shape[1]
+    largest = 0.0
+    for a in range(used):
+        for b in range(a + 1):
+            total = 1.0
+            for c in range(p):
+                total += point[a, c] * point[b, c]
+            gram[a, b] = total
+        largest = max(largest, gram[a, a])
+    # Cholesky factors of the products plus one: positive definite for points in general position
+    for a in range(used):
+        for b in range(a + 1):
+            total = gram[a, b]
+            for c in range(b):
+                total -= gram[a, c] * gram[b, c]
+            gram[a, b] = math.sqrt(max(total, _ROUNDING * largest)) if a == b else total / gram[b, b]
+    for a in range(used):
+        total = 1.0
+        for c in range(a):
+            total -= gram[a, c] * weight[c]
+        weight[a] = total / gram[a, a]
+    whole = 0.0
+    for back in range(used):
+        a = used - 1 - back
+        total = weight[a]
+        for c in range(a + 1, used):
+            total -= gram[c, a] * weight[c]
+        weight[a] = total / gram[a, a]
+        whole += weight[a]
+    for a in range(used):
+        weight[a] /= whole
+
+
+@device
+def can_balance(push, side, count, mu):  # type: ignore[no-untyped-def]
+    """Return whether forces in the friction cones of the first `count` contacts can balance without being all zero.
+
+    `push` (K, p) and `side` (K, s, p) are rows as in `Ends`, of mu = 0 without friction.
+    """
+    p = push.shape[1]
+    room = p + 2
+    point, share, weight = np.zeros((room, p)), np.zeros(room), np.zeros(room)
+    gram, x, best = np.zeros((room, room)), np.zeros(p), np.zeros(p)
+    if count < 2:
+        return False
+    for a in range(p):
+        point[0, a] = x[a] = push[0, a]
+    share[0] = 1.0
+    used = 1
+    for _ in range(_ROUNDS):
+        square = 0.0
+        for a in range(p):
+            square += x[a] * x[a]
+        if square <= _BALANCED * _BALANCED:
+            return True
+        value = _farthest(push, side, count, mu, x, best)  # type: ignore[no-untyped-call]
+        # all wrenches lie beyond a plane across x
+        if value > _BALANCED * math.sqrt(square):
+            return False
+        if used == room:
+            return True
+        point[used] = best
+        share[used] = 0.0
+        used += 1
+        while True:
+            _nearest_weights(point, used, gram, weight)  # type: ignore[no-untyped-call]
+            inside = True
+            for a in range(used):
+                inside = inside and weight[a] > _ROUNDING
+            if inside:
+                for a in range(used):
+                    share[a] = weight[a]
+                break
+            # as far towards it as weights stay positive; then without what has none
+            step = 1.0
+            for a in range(used):
+                if weight[a] <= _ROUNDING and share[a] - weight[a] > 0.0:
+                    step = min(step, share[a] / (share[a] - weight[a]))
+            kept = 0
+            for a in range(used):
+                left = share[a] + step * (weight[a] - share[a])
+                if left > _ROUNDING:
+                    share[kept] = left
+                    point[kept] = point[a]
+                    kept += 1
+            if kept == used:
+                break
+            used = kept
+        whole = 0.0
+        for a in range(used):
+            whole += share[a]
+        for a in range(p):
+            x[a] = 0.0
+            for b in range(used):
+                x[a] += share[b] / whole * point[b, a]
+    # nothing parts the wrenches from zero
+    return True
+
+
 @kernel
-def _find_rattling(
-    start: NDArray[np.int64],
-    neighbor: NDArray[np.int64],
-    outward: NDArray[np.float64],
-    queue: NDArray[np.int64],
-    length: int,
-    waiting: NDArray[np.bool_],
-    rattling: NDArray[np.bool_],
-    normal: NDArray[np.float64],
-    cones: Any,
-) -> None:
-    """Mark the bodies that rattle; outward[start[i]:start[i+1]] are the normals of particle i, towards `neighbor`.
+def _find_rattling(  # type: ignore[no-untyped-def]
+    start, order, other, push, side, d, mu, turns, queue, length, waiting, rattling
+):
+    """Mark the bodies that rattle; order[start[i]:start[i+1]] are the ends of body i.
 
     The first `length` in the queue wait, first in, first out: a large one with many neighbors is looked at once a
-    round, not once for each that it loses. Those that wait without being in the queue never rattle. `normal` is room
-    for the largest number of contacts. With friction `cones` holds its
-    coefficient and the arms, in the order of the normals; None without.
+    round, not once for each that it loses. Those that wait without being in the queue never rattle.
     """
-    particles = start.shape[0] - 1
-    d = outward.shape[1]
+    bodies = start.shape[0] - 1
+    most = 0
+    for i in range(bodies):
+        most = max(most, start[i + 1] - start[i])
+    x, y, angle = np.empty(most), np.empty(most), np.empty(most)
+    pushes, sides = np.empty((most, push.shape[1])), np.empty((most, side.shape[1], push.shape[1]))
     head = 0
-    x = np.empty(normal.shape[0])
-    y = np.empty(normal.shape[0])
-    angle = np.empty(normal.shape[0])
     while length > 0:
         i = queue[head]
-        head = (head + 1) % particles
+        head = (head + 1) % bodies
         length -= 1
         waiting[i] = False
         count = 0
         for h in range(start[i], start[i + 1]):
-            if not rattling[neighbor[h]]:
-                for k in range(d):
-                    normal[count, k] = outward[h, k]
-                if cones is not None:
-                    x[count] = cones[1][h]
+            e = order[h]
+            if other[e] < 0 or not rattling[other[e]]:
+                pushes[count], sides[count] = push[e], side[e]
                 count += 1
-        if cones is None:
-            free = _is_free(normal, x, y, angle, count)
+        if turns[i]:
+            enough = mu > 0.0 or count > d
+            held = enough and can_balance(pushes, sides, count, mu)  # type: ignore[no-untyped-call]
         else:
-            free = not can_balance(normal, x, count, cones[0])  # type: ignore[no-untyped-call]
-        if not free:
+            held = not _is_free(pushes, d, x, y, angle, count)
+        if held:
             continue
         rattling[i] = True
         for h in range(start[i], start[i + 1]):
-            j = neighbor[h]
-            if not rattling[j] and not waiting[j]:
+            j = other[order[h]]
+            if j >= 0 and not rattling[j] and not waiting[j]:
                 waiting[j] = True
-                queue[(head + length) % particles] = j
+                queue[(head + length) % bodies] = j
                 length += 1
 
 
-@kernel
-def _ends_by_particle(
-    i_c: NDArray[np.int64],
-    j_c: NDArray[np.int64],
-    normal_cd: NDArray[np.float64],
-    arm_c: NDArray[np.float64],
-    particles: int,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the ends of contacts by particle: where each one's begin, neighbors, outward normals, and arms if any."""
-    count, d = normal_cd.shape
-    start = np.zeros(particles + 1, np.int64)
-    for c in range(count):
-        start[i_c[c] + 1] += 1
-        start[j_c[c] + 1] += 1
-    for n in range(particles):
-        start[n + 1] += start[n]
-    place = start[:-1].copy()
-    neighbor = np.empty(2 * count, np.int64)
-    outward = np.empty((2 * count, d))
-    arm = np.empty(2 * count if len(arm_c) else 0)
-    for side in range(2):
-        for c in range(count):
-            own, other = (i_c[c], j_c[c]) if side == 0 else (j_c[c], i_c[c])
-            h = place[own]
-            place[own] += 1
-            neighbor[h] = other
-            for k in range(d):
-                outward[h, k] = normal_cd[c, k] if side == 0 else -normal_cd[c, k]
-            if len(arm_c):
-                arm[h] = arm_c[c]
-    return start, neighbor, outward, arm
-
-
 def rattling_bodies(
-    i_c: NDArray[np.int64],
-    j_c: NDArray[np.int64],
-    normal_cd: NDArray[np.float64],
-    particles: int,
-    friction: FrictionCones | None = None,
-    held: NDArray[np.bool_] | None = None,
+    ends: Ends,
+    turns_b: NDArray[np.bool_],
+    dimension: int,
+    *,
+    friction: float = 0.0,
+    held_b: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
-    """Return, for each of so many bodies, whether contacts with these normals from i to j leave it free to move.
+    """Return (B,) which bodies their contacts with bodies that do not rattle leave free.
 
-    With friction, whether no forces within the friction cones balance on it: it has fewer than two contacts, or the
-    chord between its two lies outside a cone, and so on. Those that are held rattle never.
+    Parameters
+    ----------
+    ends
+        The rows of the contacts.
+    turns_b
+        (B,) which bodies turn.
+    dimension
+        Number of Cartesian axes.
+    friction
+        Coefficient of friction [1].
+    held_b
+        (B,) bodies that never rattle; none unless given.
+
     """
-    arm_c = np.zeros(0) if friction is None else friction.arm_c
-    start, neighbor, outward, arm = _ends_by_particle(i_c, j_c, normal_cd, arm_c, particles)
-    rattling = np.zeros(particles, dtype=bool)
-    room = np.empty((np.diff(start).max(initial=0), normal_cd.shape[1]))
-    cones = None if friction is None else (float(friction.coefficient), arm)
-    queue = np.arange(particles)
-    waiting = np.ones(particles, dtype=bool)
-    length = particles
-    if held is not None:
-        length = int(np.count_nonzero(~held))
-        queue[:length] = np.flatnonzero(~held)
-    _find_rattling(start, neighbor, outward, queue, length, waiting, rattling, room, cones)
+    bodies = len(turns_b)
+    start = np.concatenate([[0], np.cumsum(np.bincount(ends.body_e, minlength=bodies))])
+    order = np.argsort(ends.body_e, kind="stable")
+    rattling = np.zeros(bodies, dtype=bool)
+    free = np.arange(bodies) if held_b is None else np.flatnonzero(~held_b)
+    queue = np.zeros(bodies, dtype=np.int64)
+    queue[: len(free)] = free
+    waiting = np.ones(bodies, dtype=bool)
+    _find_rattling(
+        start, order, ends.other_e, ends.push_ex, ends.side_esx, dimension, float(friction), turns_b, queue, len(free),
+        waiting, rattling,
+    )  # fmt: skip
     return rattling
 
 
-def rattlers_of(contacts: Contacts) -> NDArray[np.bool_]:
-    """Return, for each particle, whether the given contacts leave it free, the free ones removed first.
+def ends_of(contacts: PairGeometry) -> Ends:
+    """Return the ends of contacts without friction; one with a particle's own image holds it from both sides."""
+    slope = end_slopes(contacts.i_c, contacts.j_c, contacts.slope_cx, contacts.turn_nkt, contacts.dimension)
+    push = np.concatenate(slope / contacts.push_c[:, None])
+    body, other = np.concatenate([contacts.i_c, contacts.j_c]), np.concatenate([contacts.j_c, contacts.i_c])
+    return Ends(body, other, push, np.zeros((len(body), 0, push.shape[1])))
+
+
+def rough_ends_of(contacts: PairGeometry, arm_2cd: NDArray[np.float64], turn_nkt: NDArray[np.float64]) -> Ends:
+    """Return the ends of contacts with friction, which turns particles whatever their shape.
 
     Parameters
     ----------
     contacts
-        The contacts; one with the particle's own image holds it from both sides.
+        The contacts.
+    arm_2cd
+        (2, C, d) vectors from the centers of i and of j to the point of contact [length].
+    turn_nkt
+        (N, K, t) rotations per length of each coordinate of turns, of discs and spheres, too.
 
     """
-    return rattling_bodies(contacts.i_c, contacts.j_c, contacts.normal_cd, contacts.particles)
+    i, j, d = contacts.i_c, contacts.j_c, contacts.dimension
+    push = end_slopes(i, j, contacts.slope_cx, turn_nkt, d) / contacts.push_c[:, None]
+    normal = push[1, :, :d]
+    if d == 2:
+        across = np.stack([-normal[:, 1], normal[:, 0]], axis=1)[:, None]
+    else:
+        # across the axis of the smallest component, which is farthest from the normal
+        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
+        first /= np.sqrt((first**2).sum(axis=1, keepdims=True))
+        across = np.stack([first, np.cross(normal, first)], axis=1)
+    sides = []
+    for end, arm_cd in zip((i, j), arm_2cd, strict=True):
+        moment = _cross(arm_cd[:, None], across)
+        sides.append(np.concatenate([across, np.einsum("ckt,cst->csk", turn_nkt[end], moment)], axis=2))
+    return Ends(np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate(push), np.concatenate(sides))
 
 
-def check_contacts(packing: Packing, contacts: Contacts) -> None:
-    """Check that the contacts can belong to the packing.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If they are of the wrong kind, or made for another number of particles or axes.
-
-    """
-    instance("contacts", contacts, Contacts)
-    if (contacts.particles, contacts.dimension) != (packing.particles, packing.dimension):
-        raise ValueError(
-            f"contacts must belong to {packing.particles} particles in {packing.dimension} dimensions,"
-            f" got {contacts.particles} in {contacts.dimension}"
-        )
+def _cross(arm: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the torques of forces at the ends of arms, of one component in a plane."""
+    if arm.shape[-1] == 3:
+        return np.cross(arm, force)
+    return np.asarray(arm[..., :1] * force[..., 1:] - arm[..., 1:] * force[..., :1])
 
 
-# distances of another packing or image differ by more than this, of themselves; particles that moved by less since the
-# contacts were found may be judged by them
-_SAME = 1e-6
+def rattlers_of(contacts: PairGeometry) -> NDArray[np.bool_]:
+    """Return (N,) which particles the given contacts leave free, those that rattle removed first."""
+    return rattling_bodies(ends_of(contacts), turns_of(contacts.turn_nkt), contacts.dimension)
 
 
-def check_given(packing: Packing, contacts: Contacts) -> None:
-    """Check that the contacts are pairs of the packing as it stands, each once.
-
-    Parameters
-    ----------
-    packing
-        The packing.
-    contacts
-        What was given as its contacts.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If they are of the wrong kind, made for another number of particles or axes, name particles that are not there,
-        a particle and itself, or a pair and image twice, if a vector is not the packing's, or if a contact distance is
-        neither the sum of the radii nor the distance itself, which says that the pair touches whatever its radii are.
-
-    """
-    check_contacts(packing, contacts)
-    if not len(contacts):
-        return
-    i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
-    for c in np.flatnonzero((np.minimum(i, j) < 0) | (np.maximum(i, j) >= packing.particles)):
-        raise ValueError(
-            f"contacts must be between particles 0 to {packing.particles - 1}, got {i[c]} and {j[c]} for contact {c}"
-        )
-    for c in np.flatnonzero((i == j) & ~image.any(axis=1)):
-        raise ValueError(f"contacts must be between two particles or images, got {i[c]} and itself for contact {c}")
-    twice = _twice(contacts)
-    if twice is not None:
-        one, two = twice
-        raise ValueError(
-            f"contacts must name each pair once, got particles {i[two]} and {j[two]}, image {image[two].tolist()},"
-            f" for contacts {one} and {two}"
-        )
-    here = pair_contacts(packing, i, j, image)
-    off = np.sqrt(((contacts.vector_cd - here.vector_cd) ** 2).sum(axis=1))
-    # what is no number is not within it either
-    within = _SAME * np.maximum(here.contact_distance_c, here.distance_c)
-    for c in np.flatnonzero(~(off <= within)):
-        raise ValueError(
-            f"contacts must have the packing's vectors from center to center, got {contacts.vector_cd[c].tolist()}"
-            f" instead of {here.vector_cd[c].tolist()} for contact {c} (particles {i[c]} and {j[c]},"
-            f" image {image[c].tolist()})"
-        )
-    given = contacts.contact_distance_c
-    known = (np.abs(given - here.contact_distance_c) <= within) | (np.abs(given - here.distance_c) <= within)
-    for c in np.flatnonzero(~known):
-        raise ValueError(
-            f"contacts must have the packing's sums of radii or its distances, got {given[c]:.9g} instead of"
-            f" {here.contact_distance_c[c]:.9g} or {here.distance_c[c]:.9g} for contact {c}"
-            f" (particles {i[c]} and {j[c]})"
-        )
-
-
-def _twice(contacts: Contacts) -> tuple[int, int] | None:
-    """Return the numbers of two contacts that are the same pair and image, seen from either side, or None."""
-    i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
-    rows = np.arange(len(contacts))
-    first: NDArray[np.int64] = image[rows, (image != 0).argmax(axis=1)]
-    turned = (i > j) | ((i == j) & (first < 0))
-    pair = np.column_stack([np.minimum(i, j), np.maximum(i, j), np.where(turned[:, None], -image, image)])
-    order = np.lexsort(pair.T)
-    again = np.flatnonzero((pair[order[1:]] == pair[order[:-1]]).all(axis=1))
-    if not len(again):
-        return None
-    one, two = sorted((int(order[again[0]]), int(order[again[0] + 1])))
-    return one, two
+def turns_of(turn_nkt: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return (N,) which particles turn: a disc among ellipses does not."""
+    return np.asarray((turn_nkt != 0.0).any(axis=(1, 2)))

@@ -8,14 +8,15 @@ the rotations of i and of j, angles in a plane and rotation vectors in space.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance
-from packmech.contacts.bead_contact import bead_contacts
-from packmech.contacts.excluded import Excluded
+from packmech.contacts.bead_contact import bead_contacts, turned_arms
+from packmech.contacts.elements import normal_slopes
 from packmech.contacts.network import (
     Candidates,
     Contacts,
@@ -23,12 +24,11 @@ from packmech.contacts.network import (
     find_contacts,
     gap_limit,
     overlapping_or_all,
-    pair_contacts,
 )
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.honors import honors
 from packmech.packing import Packing
-from packmech.shapes import Beads, Shapes
+from packmech.shapes import Beads, Shapes, Spheroids
 
 # changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows
 _SMALL = 1e-5
@@ -51,8 +51,8 @@ class ShapeContacts:
         9 in space.
     curvature_cxx
         (C, X, X) second derivatives of the distance; none where they were not asked for.
-    shapes
-        The shapes, as they are turned.
+    radius_n, shapes
+        (N,) radii of the particles [length], and their shapes, as they are turned.
 
     """
 
@@ -68,6 +68,7 @@ class ShapeContacts:
     site_j_c: NDArray[np.int64]
     particles: int
     dimension: int
+    radius_n: NDArray[np.float64]
     shapes: Shapes
 
     def __len__(self) -> int:
@@ -88,10 +89,90 @@ class ShapeContacts:
         """The (C,) sizes of a force of a contact over du/drho [1]."""
         return np.asarray(np.sqrt((self.slope_cx[:, : self.dimension] ** 2).sum(axis=1)))
 
+    @functools.cached_property
+    def turn_nkt(self) -> NDArray[np.float64]:
+        """The (N, K, t) rotations that one length of each coordinate of turns makes."""
+        # a network of no particles keeps the shapes of its packing
+        return self.shapes.turn_basis(self.radius_n)[: self.particles]
+
+    @property
+    def normal_cd(self) -> NDArray[np.float64]:
+        """The (C, d) unit vectors along which contacts push, from i to j [1]."""
+        return np.asarray(self.slope_cx[:, : self.dimension] / self.push_c[:, None])
+
+    @property
+    def bead_c2(self) -> NDArray[np.int64] | None:
+        """The (C, 2) beads of i and of j that touch, counted from 0 in each; None where particles have no beads."""
+        if not isinstance(self.shapes, Beads):
+            return None
+        start = self.shapes.start_n
+        return np.stack([self.site_i_c - start[self.i_c], self.site_j_c - start[self.j_c]], axis=1)
+
+    def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) vectors from center i to the point of contact [length].
+
+        Beads share their distance as discs and spheres do. Ellipses and spheroids touch when both are scaled by
+        s = rho / sigma: at s A n / g from the center, A their matrix of squared semi-axes, g = sqrt(n A n).
+        """
+        if isinstance(self.shapes, Beads):
+            arm, apart, share = self._beads(radius_n)
+            return np.asarray(arm[self.site_i_c] + share[:, None] * apart)
+        return np.asarray((1.0 - self.overlap_c)[:, None] * self._support(radius_n)[0])
+
+    def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d, X) derivatives of these by the pairs' coordinates; of spheroids curvatures are needed."""
+        count, d, t = len(self), self.dimension, (self.slope_cx.shape[1] - self.dimension) // 2
+        slope, own = np.zeros((count, d, d + 2 * t)), slice(d, d + t)
+        if isinstance(self.shapes, Beads):
+            arm, _, share = self._beads(radius_n)
+            slope[:, :, :d] = np.eye(d)
+            slope[:, :, own] = -turned_arms(arm[self.site_i_c])
+            slope[:, :, d + t :] = turned_arms(arm[self.site_j_c])
+            slope *= share[:, None, None]
+            slope[:, :, own] += turned_arms(arm[self.site_i_c])
+            return slope
+        point, bend = self._support(radius_n)
+        scale, normal = (1.0 - self.overlap_c)[:, None, None], self.normal_cd
+        # the point turns with the shape, and moves on it as the normal turns against the shape
+        slope = bend @ normal_slopes(self)
+        slope[:, :, own] += turned_arms(point) - bend @ turned_arms(normal)
+        return np.asarray(
+            scale * slope + point[:, :, None] * (self.slope_cx / self.contact_distance_c[:, None])[:, None]
+        )
+
+    def _beads(
+        self, radius_n: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return (B, d) arms of beads, (C, d) vectors between those that touch, and (C,) shares of the first."""
+        assert isinstance(self.shapes, Beads)
+        arm, radius = self.shapes.arms(radius_n), self.shapes.bead_radius(radius_n)
+        apart = self.vector_cd + arm[self.site_j_c] - arm[self.site_i_c]
+        return arm, apart, radius[self.site_i_c] / (radius[self.site_i_c] + radius[self.site_j_c])
+
+    def _support(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return (C, d) points p = A n / g of the spheroids i where n is their normal, and (C, d, d) dp/dn."""
+        assert isinstance(self.shapes, Spheroids)
+        along, across = (one[self.i_c] ** 2 for one in self.shapes.semi_axes(radius_n))
+        director, normal = self.shapes.director_nd[self.i_c], self.normal_cd
+        matrix = (along - across)[:, None, None] * director[:, :, None] * director[:, None, :]
+        matrix += across[:, None, None] * np.eye(self.dimension)
+        point = np.einsum("cab,cb->ca", matrix, normal)
+        size = np.sqrt((point * normal).sum(axis=1))
+        point /= size[:, None]
+        return point, (matrix - point[:, :, None] * point[:, None, :]) / size[:, None, None]
+
     @property
     def pairs(self) -> Candidates:
         """The pairs of sites, as `shape_contacts` takes them."""
         return Candidates(self.site_i_c, self.site_j_c, self.image_cd)
+
+    def at(self, packing: Packing) -> ShapeContacts:
+        """Return the same pairs of sites where another packing of the same particles is, touching or not."""
+        return shape_contacts(packing, self.pairs)
+
+    def among(self, kept_n: NDArray[np.bool_]) -> ShapeContacts:
+        """Return the contacts both of whose particles are among the (N,) named ones."""
+        return self.select(kept_n[self.i_c] & kept_n[self.j_c])
 
     def select(self, keep_c: ArrayLike) -> ShapeContacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
@@ -110,25 +191,13 @@ class ShapeContacts:
         site_i = self.site_i_c - start[self.i_c] + now[i]
         site_j = self.site_j_c - start[self.j_c] + now[j]
         return replace(
-            self, i_c=i, j_c=j, site_i_c=site_i, site_j_c=site_j, particles=packing.particles, shapes=packing.shapes
-        )
+            self, i_c=i, j_c=j, site_i_c=site_i, site_j_c=site_j,
+            particles=int(number_n.max(initial=-1)) + 1, radius_n=packing.radius_n, shapes=packing.shapes,
+        )  # fmt: skip
 
     def count_n(self) -> NDArray[np.int64]:
         """Return the (N,) number of contacts of each particle; a self-image counts twice, once for each side."""
         return np.bincount(np.concatenate([self.i_c, self.j_c]), minlength=self.particles)
-
-    def gather(self, weight_c: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (N, d) and (N, t) sums of the slopes times weights: along positions and along rotations."""
-        d, pull = self.dimension, weight_c[:, None] * self.slope_cx
-        turns = (pull.shape[1] - d) // 2
-        return self._sum(-pull[:, :d], pull[:, :d]), self._sum(pull[:, d : d + turns], pull[:, d + turns :])
-
-    def _sum(self, on_i_ck: NDArray[np.float64], on_j_ck: NDArray[np.float64]) -> NDArray[np.float64]:
-        net = np.empty((self.particles, on_i_ck.shape[1]))
-        for k in range(on_i_ck.shape[1]):
-            net[:, k] = np.bincount(self.i_c, on_i_ck[:, k], self.particles)
-            net[:, k] += np.bincount(self.j_c, on_j_ck[:, k], self.particles)
-        return net
 
     def distance_change(self, start: ShapeContacts) -> NDArray[np.float64]:
         """Return the (C,) changes of the distances of the same pairs since the start.
@@ -144,35 +213,15 @@ class ShapeContacts:
         return np.where(np.abs(scaled).max(axis=1) < _SMALL, along, self.distance_c - start.distance_c)
 
 
-def slopes_of_ends(contacts: ShapeContacts, turn_nkt: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (2, C, q) slopes of the distances along the coordinates of i and of j: positions, turns as lengths."""
-    d, t = contacts.dimension, turn_nkt.shape[2]
-    ends = []
-    for place, n, sign in ((d, contacts.i_c, -1.0), (d + t, contacts.j_c, 1.0)):
-        turned = np.einsum("ckt,ct->ck", turn_nkt[n], contacts.slope_cx[:, place : place + t])
-        ends.append(np.hstack([sign * contacts.slope_cx[:, :d], turned]))
-    return np.array(ends)
-
-
-def bead_positions(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (B, d) places and (B,) radii of the beads of a packing of rigid bodies."""
-    shapes = packing.shapes
-    assert isinstance(shapes, Beads)
-    place = packing.position_nd[shapes.particle_b] + shapes.arms(packing.radius_n)
-    return place, shapes.bead_radius(packing.radius_n)
-
-
 def candidate_shapes(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
     """Return the pairs of sites that touch when shapes, or beads, are grown by scale and skin, and perhaps some more.
 
     Sites are particles, in whose surrounding discs or spheres their shapes are, or beads of different bodies.
     """
-    shapes = packing.shapes
-    assert shapes is not None
-    if not isinstance(shapes, Beads):
-        return candidate_pairs(packing.position_nd, shapes.reach(packing.radius_n), packing.box, scale=scale, skin=skin)
-    found = candidate_pairs(*bead_positions(packing), packing.box, scale=scale, skin=skin)
-    owner = shapes.particle_b
+    bodies, radius = packing.bodies, packing.radius_n
+    owner, reach = bodies.particle_b, np.maximum(*bodies.semi_axes(radius))
+    place = packing.position_nd[owner] + bodies.arms(radius)
+    found = candidate_pairs(place, reach, packing.box, scale=scale, skin=skin)
     i, j = owner[found.i_c], owner[found.j_c]
     other = (i != j) | found.image_cd.any(axis=1)
     order = np.flatnonzero(other)[np.lexsort((j[other], i[other]))]
@@ -199,7 +248,7 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
     """
     shapes = packing.shapes
     assert shapes is not None
-    owner = shapes.particle_b if isinstance(shapes, Beads) else np.arange(packing.particles)
+    owner = shapes.particle_b
     i, j = owner[pairs.i_c], owner[pairs.j_c]
     vector = packing.position_nd[j] - packing.position_nd[i] + pairs.image_cd @ packing.box.lattice_dd.T
     if isinstance(shapes, Beads):
@@ -221,7 +270,7 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
         curvature = found.second_pxx * sigma[: len(found.second_pxx), None, None]
     return ShapeContacts(
         i, j, pairs.image_cd, vector, distance, sigma, first, curvature, pairs.i_c, pairs.j_c,
-        packing.particles, packing.dimension, shapes,
+        packing.particles, packing.dimension, packing.radius_n, shapes,
     )  # fmt: skip
 
 
@@ -273,33 +322,6 @@ def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, 
     if not second:
         return near.select(touching)
     return shape_contacts(packing, Candidates(*(part[touching] for part in pairs)), second=True)
-
-
-def near_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
-    """Return the pairs of sites that touch when particles are grown, and perhaps more; none that links rule out.
-
-    Parameters
-    ----------
-    packing
-        The packing, with shapes, links or neither.
-    scale, skin
-        Factor on the contact distance [1] and length added to it [length].
-
-    """
-    if packing.shapes is not None:
-        return candidate_shapes(packing, scale, skin)
-    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
-    if packing.links is None:
-        return pairs
-    apart = ~Excluded(packing).mask(*pairs)
-    return Candidates(*(part[apart] for part in pairs))
-
-
-def contacts_at(packing: Packing, pairs: Candidates, *, second: bool = False) -> Contacts | ShapeContacts:
-    """Return the geometry of pairs of sites of a packing with shapes or without; arguments as of `shape_contacts`."""
-    if packing.shapes is None:
-        return pair_contacts(packing, *pairs)
-    return shape_contacts(packing, pairs, second=second)
 
 
 def touching_pairs(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
 from packmech.check import brief, instance, one_of, positive, real
-from packmech.contacts.network import candidate_pairs, find_contacts, gap_limit
-from packmech.contacts.shape_contacts import find_shape_contacts
+from packmech.contacts.network import candidate_pairs, gap_limit
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
@@ -235,13 +235,10 @@ def find_neighbors(
     if rule == "voronoi":
         return _voronoi(packing, smallest)
     if rule == "contact":
-        find = find_contacts if packing.shapes is None else find_shape_contacts
-        touching = find(packing, gap_tolerance=gap_tolerance)
-        i, j, image, words = touching.i_c, touching.j_c, touching.image_cd, "contact"
-        if packing.shapes is not None:
-            # bodies that touch at several beads are neighbors once
-            both = np.unique(np.column_stack([i, j, image]), axis=0)
-            i, j, image = both[:, 0], both[:, 1], both[:, 2:]
+        touching = touching_pairs(packing, gap_tolerance)
+        # bodies that touch at several beads are neighbors once
+        both = np.unique(np.column_stack([touching.i_c, touching.j_c, touching.image_cd]), axis=0)
+        i, j, image, words = both[:, 0], both[:, 1], both[:, 2:], "contact"
     else:
         length = positive("cutoff", cutoff)
         scaled = rule == "scaled cutoff"

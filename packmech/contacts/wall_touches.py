@@ -1,4 +1,4 @@
-"""Where particles with shapes touch a wall: one distance each, with its slopes and curvatures.
+"""Where particles touch a wall: one distance each, with its slopes and curvatures.
 
 The distance is that of the particle and its mirror image (`packmech.effects.Walls`): rho = 2 D for a disc whose center
 is D from the wall. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall across n; its distance is
@@ -48,7 +48,7 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
     Parameters
     ----------
     packing
-        The packing, with shapes.
+        The packing.
     height_n
         (N,) distances of the centers from the wall [length].
     axis
@@ -58,7 +58,6 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
 
     """
     shapes, d = packing.shapes, packing.dimension
-    assert shapes is not None
     n, t = packing.particles, 1 if d == 2 else 3
     if isinstance(shapes, Beads):
         particle = shapes.particle_b
@@ -67,10 +66,13 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
         height = height_n[particle] + side * arm[:, axis]
     else:
         particle, height = np.arange(n), height_n
-        reach = support(shapes, packing.radius_n, axis)
+        reach = packing.radius_n if shapes is None else support(shapes, packing.radius_n, axis)
     near = np.flatnonzero(height < reach)
     owner = particle[near]
     slope, curvature = np.zeros((len(near), d + t)), np.zeros((len(near), d + t, d + t))
+    if shapes is None:
+        slope[:, axis] = 2.0 * side
+        return WallTouches(owner, 2.0 * height[near], 2.0 * reach[near], slope, curvature)
     along = np.zeros(3)
     along[axis] = 1.0
     if isinstance(shapes, Beads):

@@ -15,9 +15,10 @@ from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, instance, integer, one_of, positive, real, two_axes
-from packmech.dynamics.deformation import Driven, strain_direction
-from packmech.dynamics.engine import Engine, build_engine
-from packmech.dynamics.friction import Pace
+from packmech.dynamics.by_shape import turns_of
+from packmech.dynamics.deformation import Driven, end_path, extend_path, strain_direction
+from packmech.dynamics.engine import SHEARED_ENOUGH, WRAP_EVERY, Engine, build_engine
+from packmech.dynamics.friction import Now
 from packmech.dynamics.integrators import (
     Method,
     VelocityVerlet,
@@ -41,10 +42,8 @@ from packmech.dynamics.observables import (
     TIME,
     TORQUE,
     measure,
-    measure_into,
 )
-from packmech.dynamics.pair_lists import search
-from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, take_steps
+from packmech.dynamics.time_step import WHOLE_STEP, Acting, Rule, Span, System, advance
 from packmech.effects import Friction
 from packmech.honors import declare
 from packmech.jit.compiled import compiled_form, device, kernel
@@ -55,13 +54,9 @@ from packmech.result import Outcome
 from packmech.scene import Scene
 from packmech.shapes import Beads
 
-# what a frame's strain is controlled by: the strain at its end, the rate, or the strain and the rate at its end
-END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
 # columns of the counts and of the numbers of each packing
 STEPS, LEFT, SINCE, STATUS, GOOD, COUNTS = 0, 1, 2, 3, 4, 5
 REACH, VOLUME, SHEARED, FASTEST, LAST_FORCE, LAST_STRAIN, HEIGHT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7
-# whether a particle left the cell is checked every so many steps, or whenever the box has sheared by so much
-_WRAP_EVERY, _SHEAR_LIMIT = 1024, 0.2
 # other lattice vectors may be better where the smallest height has become so much smaller
 _FLATTER = 0.85
 # what a call does: start a frame, go on with one that was left, or only observe
@@ -74,8 +69,8 @@ class Plan(NamedTuple):
     """What is the same for all packings of a batch, and one packing's counts, numbers, row of observables, and figures.
 
     axes is (0, 1) or (0, 1, 2); a and b are the axes of displacement and gradient. `switched`: the last number of what
-    that control a packing is its coefficient of friction. good_nk holds its rows at the end of the last good frame, and
-    good_unit_nd the directors of its shapes; None for discs and spheres.
+    that control a packing is its coefficient of friction. good_nk holds its rows at the end of the last good frame,
+    good_turn_nq how its shapes were turned there, and turn_nq is how they are now.
     """
 
     axes: Any
@@ -87,61 +82,12 @@ class Plan(NamedTuple):
     dt: float
     second_order: bool
     good_nk: Any
+    good_turn_nq: Any
+    turn_nq: Any
     count_k: Any
     number_k: Any
     row: Any
     figure_k: Any
-    good_unit_nd: Any
-
-
-def measure_packing(
-    acting: Any, axes: Any, state: Any, links: Any, space: Any, pairs: Any, track: Any, time: Any, pace: Any, out: Any
-) -> None:
-    """Write the observables of the present time."""
-    raise NotImplementedError("frames are taken in compiled loops")
-
-
-@compiled_form(measure_packing)
-def _choose_measure(
-    acting: Any, axes: Any, state: Any, links: Any, space: Any, pairs: Any, track: Any, time: Any, pace: Any, out: Any
-) -> Any:
-    # what shapes need makes arrays
-    chosen = measure if isinstance(acting[3], types.NoneType) else measure_into
-    return lambda acting, axes, state, links, space, pairs, track, time, pace, out: chosen(
-        acting, axes, state, links, space, pairs, track, time, pace, out
-    )
-
-
-def keep_directors(shapes: Any, good_nd: Any) -> None:
-    """Keep the directors of shapes; nothing without."""
-    raise NotImplementedError("frames are taken in compiled loops")
-
-
-@compiled_form(keep_directors)
-def _choose_keep_directors(shapes: Any, good_nd: Any) -> Any:
-    if isinstance(shapes, types.NoneType):
-        return lambda shapes, good_nd: None
-
-    def keep(shapes, good_nd):
-        good_nd[:] = shapes.unit_nd
-
-    return keep
-
-
-def put_directors_back(shapes: Any, good_nd: Any) -> None:
-    """Put the directors of shapes back to those that were kept; nothing without."""
-    raise NotImplementedError("frames are taken in compiled loops")
-
-
-@compiled_form(put_directors_back)
-def _choose_put_directors_back(shapes: Any, good_nd: Any) -> Any:
-    if isinstance(shapes, types.NoneType):
-        return lambda shapes, good_nd: None
-
-    def put_back(shapes, good_nd):
-        shapes.unit_nd[:] = good_nd
-
-    return put_back
 
 
 def figure_names(dimension: int) -> tuple[str, ...]:
@@ -158,19 +104,20 @@ def figure_names(dimension: int) -> tuple[str, ...]:
     return ("time", "strain", "rate", *component_names("stress", size, symmetric=True), "pressure", *named)
 
 
-def with_friction(acting: Acting, coefficient: float) -> Acting:
-    """Return what acts, with another coefficient of friction; the same where there is none."""
+def with_friction(system: System, coefficient: float) -> System:
+    """Return the system with another coefficient of friction; the same where there is none."""
     raise NotImplementedError("frames are taken in compiled loops")
 
 
 @compiled_form(with_friction)
-def _choose_with_friction(acting: Any, coefficient: Any) -> Any:
-    if isinstance(acting[2], types.NoneType):
-        return lambda acting, coefficient: acting
+def _choose_with_friction(system: Any, coefficient: Any) -> Any:
+    if isinstance(system[0][2], types.NoneType):
+        return lambda system, coefficient: system
 
-    def another(acting, coefficient):
-        old = acting.friction
-        return Acting(acting.pairs, acting.bodies, Friction(coefficient, old.stiffness, old.damping), acting.shapes)
+    def another(system, coefficient):
+        (pairs, bodies, old, shapes), axes, state, links, space, lists, track = system
+        friction = Friction(coefficient, old.stiffness, old.damping)
+        return System(Acting(pairs, bodies, friction, shapes), axes, state, links, space, lists, track)
 
     return another
 
@@ -194,24 +141,6 @@ def new_batch(record, count):
 def fetch(batch, b):
     """Return the record of a packing."""
     return batch[b]
-
-
-@device
-def _drive(number, control, begin, end, control_k):
-    """Set the next piece of a path from where the last one ended; return the largest rate in it, at most."""
-    number[0], number[1] = begin, end
-    number[2] = number[3]
-    span = end - begin
-    if control == MEAN_RATE:
-        number[3] = number[2] + control_k[0] * span
-    else:
-        number[3] = control_k[0]
-    mean = (number[3] - number[2]) / span
-    if control == END_STRAIN_AND_RATE:
-        number[4], number[5] = number[5], control_k[1]
-    else:
-        number[4] = number[5] = mean
-    return abs(mean) + abs(number[4] - mean) + abs(number[5] - mean)
 
 
 @device
@@ -254,18 +183,16 @@ def _is_finite(row):
 
 
 @device
-def _put_back(acting, state, plan, path):
+def _put_back(state, profile, plan):
     """Put places, turns, velocities, strain and time back to the end of the last frame that was finished."""
     good_nk, count_k, row = plan.good_nk, plan.count_k, plan.row
-    put_directors_back(acting.shapes, plan.good_unit_nd)
+    plan.turn_nq[:] = plan.good_turn_nq
     for i in range(good_nk.shape[0]):
         for a in range(good_nk.shape[1]):
             state.body[i, a] = good_nk[i, a]
     count_k[STEPS] = count_k[GOOD]
     count_k[LEFT] = 0
-    path[0] = path[1] = row[TIME]
-    path[2] = path[3] = row[STRAIN]
-    path[4] = path[5] = row[RATE]
+    end_path(profile, row[TIME], row[STRAIN], row[RATE])
 
 
 @device
@@ -291,82 +218,49 @@ def _frame(batch, b, doing, control_k):
 
     That is RUNNING or how it failed, and whether its particles must be wrapped.
     """
-    acting, state, space, pairs, track, plan = batch[b]
+    system, plan = batch[b]
     count_k, number_k, row = plan.count_k, plan.number_k, plan.row
     if count_k[STATUS] != RUNNING:
         return count_k[STATUS], False
-    path = space.flow.profile.number_k
-    dt = plan.dt
-    changed = False
-    step = count_k[STEPS]
+    state, space = system.state, system.space
+    profile = space.flow.profile
+    rule = Rule(plan.dt, plan.second_order, number_k[REACH])
     if doing == FRESH:
         if plan.switched:
-            acting = with_friction(acting, control_k[control_k.shape[0] - 1])
-            changed = True
-        fastest = _drive(path, plan.control, step * dt, (step + plan.steps) * dt, control_k)
-        number_k[FASTEST] = fastest * dt
+            system = with_friction(system, control_k[control_k.shape[0] - 1])
+        begin, end = count_k[STEPS] * plan.dt, (count_k[STEPS] + plan.steps) * plan.dt
+        number_k[FASTEST] = extend_path(profile, plan.control, begin, end, control_k) * plan.dt
         count_k[LEFT] = plan.steps
-    left = count_k[LEFT]
     status = RUNNING
-    start = WHOLE_STEP
     outside = False
-    while left > 0 and not outside:
-        due = min(left, _WRAP_EVERY - count_k[SINCE])
-        room = _SHEAR_LIMIT - number_k[SHEARED]
+    while count_k[LEFT] > 0 and status == RUNNING and not outside:
+        due = min(count_k[LEFT], WRAP_EVERY - count_k[SINCE])
+        room = SHEARED_ENOUGH - number_k[SHEARED]
         if number_k[FASTEST] * due > room:
             due = max(1, int(room / number_k[FASTEST]))
-        status, taken = take_steps(
-            acting,
-            plan.axes,
-            state,
-            None,
-            space,
-            pairs,
-            track,
-            None,
-            None,
-            start,
-            step,
-            due,
-            dt,
-            plan.second_order,
-            number_k[REACH],
-        )
-        step += taken
-        left -= taken
+        status, taken, system = advance(system, None, 1, Span(WHOLE_STEP, count_k[STEPS], due), rule)
+        count_k[STEPS] += taken
+        count_k[LEFT] -= taken
         count_k[SINCE] += taken
         number_k[SHEARED] += taken * number_k[FASTEST]
-        start = WHOLE_STEP
-        if status == SEARCH:
-            pairs, track = search(plan.axes, state.body, space, pairs, track)
-            changed = True
-            start = REST_OF_STEP
-            continue
-        if status != RUNNING:
-            break
-        if count_k[SINCE] >= _WRAP_EVERY or number_k[SHEARED] >= _SHEAR_LIMIT * (1.0 - 1e-9):
-            outside = _is_outside(plan.axes, state.body, space.frame, number_k[HEIGHT])
+        if status == RUNNING and (count_k[SINCE] >= WRAP_EVERY or number_k[SHEARED] >= SHEARED_ENOUGH * (1.0 - 1e-9)):
+            outside = _is_outside(system.axes, state.body, space.frame, number_k[HEIGHT])
             count_k[SINCE] = 0
             number_k[SHEARED] = 0.0
-    count_k[STEPS] = step
-    count_k[LEFT] = left
-    if status == RUNNING and left == 0:
-        half = 0.5 * dt
-        pace = Pace(half, half) if plan.second_order else Pace(0.0, dt)
+    if status == RUNNING and count_k[LEFT] == 0:
         fresh = np.empty(COLUMNS)
-        measure_packing(acting, plan.axes, state, None, space, pairs, track, step * dt, pace, fresh)
+        measure(system, count_k[STEPS] * plan.dt, Now(0.5 * plan.dt if plan.second_order else plan.dt), fresh)
         if _is_finite(fresh):
             row[:] = fresh
             _write_figures(plan)
             plan.good_nk[:] = state.body
-            keep_directors(acting.shapes, plan.good_unit_nd)
-            count_k[GOOD] = step
+            plan.good_turn_nq[:] = plan.turn_nq
+            count_k[GOOD] = count_k[STEPS]
         else:
             status = NOT_FINITE
-    if changed:
-        batch[b] = (acting, state, space, pairs, track, plan)
+    batch[b] = (system, plan)
     if status != RUNNING:
-        _put_back(acting, state, plan, path)
+        _put_back(state, profile, plan)
         count_k[STATUS] = status
         return status, False
     return status, outside
@@ -564,8 +458,8 @@ class ShearBatch:
         self._good_b = np.ones(count, dtype=bool)
         self._all_b = np.ones(count, dtype=bool)
         self._none_bk = np.zeros((count, self.controls))
-        self._good: list[NDArray[np.float64]] = [np.zeros((0, 8))] * count
-        self._good_unit: list[NDArray[np.float64] | None] = [None] * count
+        # rows and turns at the end of the last good frame, and turns now
+        self._good: dict[int, tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]] = {}
         # whole lattice vectors that particles were moved by, before more of them in the middle of a frame
         self._before: dict[int, NDArray[np.int64]] = {}
         self._engines: list[Engine] = []
@@ -618,9 +512,8 @@ class ShearBatch:
             limit = built.too_long
             raise ValueError(f"dt must be at most {limit.asked:.4g}, got {limit.reached:g}: {limit.hint}")
         built.begin()
-        self._good[b] = built.state.body.copy()
-        shapes = built.acting.shapes
-        self._good_unit[b] = None if shapes is None else shapes.unit_nd.copy()
+        turn_nq = turns_of(built.acting.shapes)
+        self._good[b] = built.state.body.copy(), turn_nq.copy(), turn_nq
         record = self._record(b, built)
         if self._batch is None:
             self._batch = new_batch(record, len(self.scenes))
@@ -641,11 +534,8 @@ class ShearBatch:
         return float(engine.space.frame.height_d[: len(self._plan[0])].min())
 
     def _record(self, b: int, engine: Engine) -> Any:
-        own = (
-            self._good[b], self._count_bk[b], self._number_bk[b], self._row_bk[b], self.figure_bk[b],
-            self._good_unit[b],
-        )  # fmt: skip
-        return (engine.acting, engine.state, engine.space, engine.pairs, engine.track, Plan(*self._plan, *own))
+        own = self._count_bk[b], self._number_bk[b], self._row_bk[b], self.figure_bk[b]
+        return engine.system, Plan(*self._plan, *self._good[b], *own)
 
     def _observe(self, which_b: NDArray[np.bool_]) -> None:
         self._call(OBSERVE, which_b, self._none_bk)
@@ -716,10 +606,11 @@ class ShearBatch:
             left_b[b] = self._count_bk[b, LEFT] > 0
             if left_b[b]:
                 self._before.setdefault(b, engine.wrap_nd.copy())
-            *_, engine.space, engine.pairs, engine.track, _plan = fetch(self._batch, b)
+            system, _ = fetch(self._batch, b)
+            engine.space, engine.pairs, engine.track = system.space, system.pairs, system.track
             engine.wrap()
             if not left_b[b]:
-                self._good[b][:] = engine.state.body
+                self._good[b][0][:] = engine.state.body
             put(self._batch, b, self._record(b, engine))
             self._number_bk[b, HEIGHT] = self._height(engine)
             self._wrap_b[b] = False

@@ -11,20 +11,21 @@ from numpy.typing import NDArray
 
 from packmech.dynamics.deformation import relative
 from packmech.dynamics.friction import (
-    Contact,
+    Pull,
+    Spring,
+    across_contact,
     add_force,
     add_reaction,
-    slip_in_plane,
-    slip_in_space,
-    store_reaction,
-    stretch_after,
-    stretch_before,
+    keep_stretch,
+    slip_of_discs,
+    stretch_of_force,
+    torque_of,
     turning_axes,
-    with_moment,
 )
 from packmech.dynamics.pair_lists import NO_SLOT, Slots, blocks_of, collect
-from packmech.effects import Bonds, law_first
+from packmech.effects import Bonds, law_energy, law_first
 from packmech.jit.compiled import compiled_form, device, inlined
+from packmech.minimize.passes.shape_rows import ShapeTouch
 
 
 class BondTable(NamedTuple):
@@ -56,8 +57,9 @@ class BondTable(NamedTuple):
 
 
 @device
-def bond_vector(axes, body, image_bd, lattice, b, i, j):
+def bond_vector(axes, body, bonds, lattice, b):
     """Return the vector of a bond between two rows."""
+    i, j, image_bd = bonds.i_b[b], bonds.j_b[b], bonds.image_bd
     dx = body[j, 0] - body[i, 0]
     dy = body[j, 1] - body[i, 1]
     dz = 0.0
@@ -69,6 +71,13 @@ def bond_vector(axes, body, image_bd, lattice, b, i, j):
         for k in range(3):
             dz += lattice[2, k] * image_bd[b, k]
     return dx, dy, dz
+
+
+@device
+def bond_energy(bonds, b, r):
+    """Return the energy of a bond's normal spring."""
+    rest = bonds.rest_b[b]
+    return law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
 
 
 def bond_first(compression: Any, tension: Any, r: float, rest: float) -> float:
@@ -93,15 +102,16 @@ def _choose_bond_first(compression: Any, tension: Any, r: Any, rest: Any) -> Any
 
 
 @inlined
-def _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz):
-    """Return what a bond does: force on its i, moment and arms."""
-    i, j, stretch_bk = bonds.i_b[b], bonds.j_b[b], bonds.stretch_bk
+def pull_of_bond(bonds, laws, b, dx, dy, dz):
+    """Return what a bond does to its two rows, which are (dx, dy, dz) apart."""
+    i, j = bonds.i_b[b], bonds.j_b[b]
+    axes, body, pace = laws.axes, laws.body, laws.pace
     k, c = bonds.tangential_stiffness, bonds.tangential_damping
     r = math.sqrt(dx * dx + dy * dy + dz * dz)
     # ends at the same place have no direction: the next step parts them
     inverse = 1.0 / r if r > 0.0 else 0.0
     nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
-    ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
+    ux, uy, uz = relative(laws.rates, axes, body, i, j, dx, dy, dz)
     first = 0.0
     if r == 0.0:
         # no branch that holds an array: it would be counted at every bond
@@ -109,52 +119,38 @@ def _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz):
     else:
         first = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b])
         first += bonds.damping * (ux * nx + uy * ny + uz * nz)
-    contact = Contact(i, j, nx, ny, nz, ux, uy, uz, r, body[i, 3] + body[j, 3])
-    if len(axes) == 2:
-        ai, aj, slip = slip_in_plane(body, contact)
-        stretch = stretch_bk[b, 0] + pace.before * slip
-        stretch_bk[b, 0] = stretch + pace.after * slip
-        force = k * stretch + c * slip
-        return first * nx - force * ny, first * ny + force * nx, 0.0, 0.0, 0.0, force, ai, aj
-    slip = slip_in_space(body, contact)
-    x, y, z = stretch_before(stretch_bk, b, contact, slip, pace.before)
-    stretch_after(stretch_bk, b, x, y, z, slip, pace.after)
+    touch = ShapeTouch(True, r, body[i, 3] + body[j, 3], nx, ny, nz, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    slip = slip_of_discs(axes, body, i, j, touch, (ux, uy, uz))
+    spring = Spring(bonds.stretch_bk, b, 0)
+    x, y, z = stretch_of_force(axes, spring, slip, pace)
+    keep_stretch(axes, spring, x, y, z, slip, pace)
     force = k * x + c * slip.sx, k * y + c * slip.sy, k * z + c * slip.sz
-    fx, fy, fz, mx, my, mz, ai, aj = with_moment(contact, slip, *force)
-    return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
+    across = across_contact(axes, slip, force, x, y, z, 0.0)
+    return Pull(
+        first * nx + across.fx, first * ny + across.fy, first * nz + across.fz,
+        torque_of(slip.lever_i, across), torque_of(slip.lever_j, across), first, across,
+    )  # fmt: skip
 
 
 @inlined
-def bonds_of_block(bonds, rates, axes, body, push, lattice, pace, block):
+def bonds_of_block(bonds, laws, push, lattice, block):
     """Add what the bonds of a block's rows do; nothing where the scene has none."""
     if bonds is None:
         return
+    axes = laws.axes
     spins = turning_axes(bonds, axes)
     slot_b, slot_qk = bonds.slot_b, bonds.slots.push_qk
-    i_b, j_b = bonds.i_b, bonds.j_b
-    first = np.uint64(bonds.start_s[2 * block])
-    special = np.uint64(bonds.start_s[2 * block + 1])
-    last = np.uint64(bonds.start_s[2 * block + 2])
-    for b in range(first, special):
-        i, j = i_b[b], j_b[b]
-        dx = body[j, 0] - body[i, 0]
-        dy = body[j, 1] - body[i, 1]
-        dz = 0.0
-        if len(axes) == 3:
-            dz = body[j, 2] - body[i, 2]
-        done = _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz)
-        add_force(axes, spins, push, i, done)
-        add_reaction(axes, spins, push, j, done)
-    for b in range(special, last):
-        i, j = i_b[b], j_b[b]
-        dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
-        done = _force_of_bond(bonds, rates, axes, body, pace, b, dx, dy, dz)
-        add_force(axes, spins, push, i, done)
+    for b in range(np.uint64(bonds.start_s[2 * block]), np.uint64(bonds.start_s[2 * block + 2])):
+        dx, dy, dz = bond_vector(axes, laws.body, bonds, lattice, b)
+        pull = pull_of_bond(bonds, laws, b, dx, dy, dz)
+        add_force(axes, spins, push, bonds.i_b[b], pull)
         slot = slot_b[b]
         if slot == NO_SLOT:
-            add_reaction(axes, spins, push, j, done)
+            add_reaction(axes, spins, push, bonds.j_b[b], pull)
         else:
-            store_reaction(axes, spins, slot_qk, slot, done)
+            for a in range(len(axes) + len(spins)):
+                slot_qk[slot, a] = 0.0
+            add_reaction(axes, spins, slot_qk, slot, pull)
 
 
 @inlined

@@ -1,117 +1,251 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""The pass over the contacts in a time step: what a scene lacks is None, and numba leaves out its branches."""
+"""What touching rows do to each other, in one place, and the one walk over listed pairs.
+
+A walk visits every listed pair of a range with a visitor, a record whose type says what is done with the pair: forces
+are added to rows (`Pushing`), observables summed up, or contacts written one by one. It hands a value from pair to
+pair, which the visitor may change. What a scene lacks is None, and numba leaves out its branches.
+"""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import literal_unroll
+from numba import literal_unroll, types
 
-from packmech.dynamics.deformation import relative
+from packmech.dynamics.by_shape import (
+    contact_axes,
+    place_of_spring,
+    rate_of_touch,
+    relax_all,
+    slip_at_touch,
+    steepness,
+    touch_of_rows,
+    touches_of,
+    with_torques_of_slopes,
+)
+from packmech.dynamics.deformation import rates, relative
 from packmech.dynamics.friction import (
-    Contact,
+    Across,
+    Pull,
+    Spring,
     add_force,
     add_reaction,
-    reset_stretch,
-    store_reaction,
-    tangential_force_of_pair,
-    turning_axes,
+    relax,
+    tangential_force,
+    torque_of,
 )
-from packmech.dynamics.pair_lists import NO_SLOT
-from packmech.effects import pair_elastic, pair_first
-from packmech.jit.compiled import inlined
-from packmech.minimize.passes.kernels import coincident_direction
+from packmech.dynamics.pair_lists import NO_SLOT, inner_stretches
+from packmech.effects import pair_elastic, pair_energy, pair_first
+from packmech.jit.compiled import compiled_form, inlined
+
+
+class ContactLaws(NamedTuple):
+    """What acts at contacts, and what it depends on.
+
+    Effects on pairs, friction and shapes (None without), axes, rows, rates of the flow, the stretches of tangential
+    springs, and at which time they are taken: a `Pace` or `Now`.
+    """
+
+    effects: Any
+    friction: Any
+    shapes: Any
+    axes: Any
+    body: Any
+    rates: Any
+    stretch_pk: Any
+    pace: Any
 
 
 @inlined
-def touching_pair(rates, axes, body, i, j, dx, dy, dz, square, sigma):
-    """Return the contact of two rows; coincident ones get a direction."""
-    r = math.sqrt(square)
-    inverse = 1.0 / r
-    ux, uy, uz = relative(rates, axes, body, i, j, dx, dy, dz)
-    if square == 0.0:
-        dx, dy, dz = coincident_direction(i, j, len(axes))
-        inverse = 1.0
-    return Contact(i, j, dx * inverse, dy * inverse, dz * inverse, ux, uy, uz, r, sigma)
-
-
-@inlined
-def force_of_pair(effects, friction, axes, body, stretch_pk, p, contact, pace):
-    """Return what a touching pair does: force on i, and moment and arms of its tangential part."""
-    nx, ny, nz = contact.nx, contact.ny, contact.nz
-    rate = contact.ux * nx + contact.uy * ny
-    if len(axes) == 3:
-        rate += contact.uz * nz
-    first = 0.0
-    elastic = 0.0
-    for one in literal_unroll(effects):
-        first += pair_first(one, contact.r, contact.sigma, rate)
-        elastic += pair_elastic(one, contact.r, contact.sigma)
-    fx, fy, fz, mx, my, mz, ai, aj = tangential_force_of_pair(
-        friction, axes, body, stretch_pk, p, contact, abs(elastic), pace
+def laws_of(system, pace):
+    """Return what acts at contacts in a system as it is, at this pace."""
+    acting = system.acting
+    return ContactLaws(
+        acting.pairs,
+        acting.friction,
+        acting.shapes,
+        system.axes,
+        system.state.body,
+        rates(system.space.flow),
+        inner_stretches(system.track),
+        pace,
     )
-    return first * nx + fx, first * ny + fy, first * nz + fz, mx, my, mz, ai, aj
+
+
+class Pair(NamedTuple):
+    """A listed pair: its place, rows, slot (NO_SLOT within a block), and the vector between the centers."""
+
+    p: Any
+    i: Any
+    j: Any
+    slot: Any
+    dx: float
+    dy: float
+    dz: float
+
+
+_VISITS: dict[type, Any] = {}
+
+
+def visitor(cls: type) -> Callable[[Any], Any]:
+    """Return a decorator for what visitors of this class do with a pair: (visitor, laws, pair, value) -> value."""
+
+    def register(function: Any) -> Any:
+        _VISITS[cls] = function
+        return function
+
+    return register
+
+
+def visit(visitor: Any, laws: ContactLaws, pair: Pair, value: Any) -> Any:
+    """Return the value after the visit of a pair."""
+    raise NotImplementedError("pairs are visited in compiled loops")
+
+
+@compiled_form(visit, inline=True)
+def _choose_visit(visitor: Any, laws: Any, pair: Any, value: Any) -> Any:
+    return _VISITS[visitor.instance_class]
 
 
 @inlined
-def contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
-    """Add what touching pairs of a block's rows do to these, and leave in slots what they do to other blocks' rows."""
-    if effects is None:
-        for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
-            pairs.slots.push_qk[q] = 0.0
-        return
-    spins = turning_axes(friction, axes)
-    i_p, j_p, image_p, slot_p = pairs.i_p, pairs.j_p, pairs.image_p, pairs.slot_p
-    shift_kd, slot_qk = pairs.shift_kd, pairs.slots.push_qk
-    # unsigned, so that no index can count from the end
-    first = np.uint64(pairs.start_s[2 * b])
+def walk_pairs(visitor, laws, pairs, b, value):
+    """Visit the listed pairs of a block's rows, one after another; return the value after the last."""
+    axes, body = laws.axes, laws.body
+    i_p, j_p, image_p, slot_p, shift_kd = pairs.i_p, pairs.j_p, pairs.image_p, pairs.slot_p, pairs.shift_kd
     special = np.uint64(pairs.start_s[2 * b + 1])
-    last = np.uint64(pairs.start_s[2 * b + 2])
-    for p in range(first, special):
-        i = i_p[p]
-        j = j_p[p]
+    # unsigned, so that no index can count from the end
+    for p in range(np.uint64(pairs.start_s[2 * b]), np.uint64(pairs.start_s[2 * b + 2])):
+        i, j, slot = i_p[p], j_p[p], NO_SLOT
         dx = body[j, 0] - body[i, 0]
         dy = body[j, 1] - body[i, 1]
         dz = 0.0
         if len(axes) == 3:
             dz = body[j, 2] - body[i, 2]
-        square = dx * dx + dy * dy
-        if len(axes) == 3:
-            square += dz * dz
-        sigma = body[i, 3] + body[j, 3]
-        if square < sigma * sigma:
-            contact = touching_pair(rates, axes, body, i, j, dx, dy, dz, square, sigma)
-            done = force_of_pair(effects, friction, axes, body, stretch_pk, p, contact, pace)
-            add_force(axes, spins, push, i, done)
-            add_reaction(axes, spins, push, j, done)
-        else:
-            reset_stretch(axes, stretch_pk, p)
-    for p in range(special, last):
-        i = i_p[p]
-        j = j_p[p]
-        k = image_p[p]
-        slot = slot_p[p]
-        dx = body[j, 0] - body[i, 0] + shift_kd[k, 0]
-        dy = body[j, 1] - body[i, 1] + shift_kd[k, 1]
-        dz = 0.0
-        if len(axes) == 3:
-            dz = body[j, 2] - body[i, 2] + shift_kd[k, 2]
-        square = dx * dx + dy * dy
-        if len(axes) == 3:
-            square += dz * dz
-        sigma = body[i, 3] + body[j, 3]
-        if square < sigma * sigma:
-            contact = touching_pair(rates, axes, body, i, j, dx, dy, dz, square, sigma)
-            done = force_of_pair(effects, friction, axes, body, stretch_pk, p, contact, pace)
-            add_force(axes, spins, push, i, done)
+        if p >= special:
+            k, slot = image_p[p], slot_p[p]
+            dx += shift_kd[k, 0]
+            dy += shift_kd[k, 1]
+            if len(axes) == 3:
+                dz += shift_kd[k, 2]
+        value = visit(visitor, laws, Pair(p, i, j, slot, dx, dy, dz), value)
+    return value
+
+
+@inlined
+def is_near(laws, pair):
+    """Whether rows may touch, as discs and spheres that are so near do."""
+    square = pair.dx * pair.dx + pair.dy * pair.dy
+    if len(laws.axes) == 3:
+        square += pair.dz * pair.dz
+    reach = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    return square < reach * reach
+
+
+@inlined
+def energy_of(effects, touch):
+    """Return the energy of a contact."""
+    energy = 0.0
+    for one in literal_unroll(effects):
+        energy += pair_energy(one, touch.rho, touch.sigma)
+    return energy
+
+
+@inlined
+def _no_friction(friction, laws, pair, k, touch, u, normal):
+    nothing = 0.0, 0.0, 0.0
+    return Across(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), nothing, nothing
+
+
+@inlined
+def _friction_of_touch(friction, laws, pair, k, touch, u, normal):
+    slip = slip_at_touch(laws.shapes, laws.axes, laws.body, pair, k, touch, u)
+    spring = spring_of(laws, pair, k)
+    across = tangential_force(friction, laws.axes, spring, slip, normal, laws.pace)
+    return across, torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
+
+
+def friction_at(friction: Any, laws: Any, pair: Any, k: Any, touch: Any, u: Any, normal: Any) -> Any:
+    """Return the tangential force and its torques on both rows; zeros without friction."""
+    raise NotImplementedError("contacts act in compiled loops")
+
+
+@compiled_form(friction_at, inline=True)
+def _choose_friction_at(friction: Any, laws: Any, pair: Any, k: Any, touch: Any, u: Any, normal: Any) -> Any:
+    return _no_friction if isinstance(friction, types.NoneType) else _friction_of_touch
+
+
+@inlined
+def spring_of(laws, pair, k):
+    """Return where the spring of the k-th touch of a pair stands."""
+    return Spring(laws.stretch_pk, pair.p, place_of_spring(laws.shapes, laws.axes, laws.stretch_pk, pair, k))
+
+
+@inlined
+def pull_of_touch(laws, pair, k, touch):
+    """Return what two rows do to each other where they touch for the k-th time: all forces at contacts are made here.
+
+    Effects give the derivative of the energy by the distance rho, dashpots included, whose slopes make forces and
+    torques of it; friction adds what acts across.
+    """
+    effects = laws.effects
+    u = relative(laws.rates, laws.axes, laws.body, pair.i, pair.j, pair.dx, pair.dy, pair.dz)
+    rate = rate_of_touch(laws.shapes, laws.axes, laws.body, pair, touch, u)
+    first = 0.0
+    elastic = 0.0
+    for one in literal_unroll(effects):
+        first += pair_first(one, touch.rho, touch.sigma, rate)
+        elastic += pair_elastic(one, touch.rho, touch.sigma)
+    normal = abs(elastic) * steepness(laws.shapes, touch)
+    across, on_i, on_j = friction_at(laws.friction, laws, pair, k, touch, u, normal)
+    on_i, on_j = with_torques_of_slopes(laws.shapes, touch, first, on_i, on_j)
+    return Pull(
+        first * touch.x + across.fx, first * touch.y + across.fy, first * touch.z + across.fz,
+        on_i, on_j, normal, across,
+    )  # fmt: skip
+
+
+class Pushing(NamedTuple):
+    """The visitor that adds forces and torques to the rows of a block, and to slots what reaches other blocks."""
+
+    spins: Any
+    push: Any
+    slot_qk: Any
+
+
+@visitor(Pushing)
+@inlined
+def _push(pushing, laws, pair, value):
+    axes, spins = laws.axes, pushing.spins
+    push, slot_qk, slot = pushing.push, pushing.slot_qk, pair.slot
+    if slot != NO_SLOT:
+        # a slot is its pair's alone; as many as a force and torque: a loop of unknown length would become a call
+        for a in range(len(axes) + len(spins)):
+            slot_qk[slot, a] = 0.0
+    if not is_near(laws, pair):
+        relax_all(laws.shapes, axes, laws.stretch_pk, pair.p)
+        return value
+    for k in range(touches_of(laws.shapes, pair.i, pair.j)):
+        touch = touch_of_rows(laws.shapes, axes, laws.body, pair, k)
+        if touch.touching:
+            pull = pull_of_touch(laws, pair, k, touch)
+            add_force(axes, spins, push, pair.i, pull)
             if slot == NO_SLOT:
-                add_reaction(axes, spins, push, j, done)
+                add_reaction(axes, spins, push, pair.j, pull)
             else:
-                store_reaction(axes, spins, slot_qk, slot, done)
+                add_reaction(axes, spins, slot_qk, slot, pull)
         else:
-            reset_stretch(axes, stretch_pk, p)
-            if slot != NO_SLOT:
-                # as many as a pair's force and torque: a loop of unknown length would become a call
-                for a in range(len(axes) + len(spins)):
-                    slot_qk[slot, a] = 0.0
+            relax(axes, spring_of(laws, pair, k))
+    return value
+
+
+@inlined
+def contacts_of_block(effects, laws, push, pairs, b):
+    """Add what touching pairs of a block's rows do to these, and leave in slots what they do to other blocks' rows."""
+    if effects is None:
+        for q in range(pairs.slots.start_b[b], pairs.slots.start_b[b + 1]):
+            pairs.slots.push_qk[q] = 0.0
+        return
+    spins = contact_axes(laws.shapes, laws.friction, laws.axes)
+    walk_pairs(Pushing(spins, push, pairs.slots.push_qk), laws, pairs, b, 0)

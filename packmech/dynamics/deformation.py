@@ -76,6 +76,41 @@ class Driven(NamedTuple):
     number_k: NDArray[np.float64]
 
 
+# what extends a path: the strain at the end of its next piece, the rate there, or the strain and the rate at its end
+END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
+
+
+@device
+def extend_path(profile, control, begin, end, control_k):
+    """Set the next piece of a `Driven` path from where the last one ended; return a bound on the rates in it.
+
+    From time `begin` to `end`, by the numbers that the control takes.
+    """
+    number = profile.number_k
+    number[0], number[1] = begin, end
+    number[2] = number[3]
+    span = end - begin
+    if control == MEAN_RATE:
+        number[3] = number[2] + control_k[0] * span
+    else:
+        number[3] = control_k[0]
+    mean = (number[3] - number[2]) / span
+    if control == END_STRAIN_AND_RATE:
+        number[4], number[5] = number[5], control_k[1]
+    else:
+        number[4] = number[5] = mean
+    return abs(mean) + abs(number[4] - mean) + abs(number[5] - mean)
+
+
+@device
+def end_path(profile, time, strain, rate):
+    """Let a `Driven` path rest at a strain, at a rate that its next piece goes on from."""
+    number = profile.number_k
+    number[0] = number[1] = time
+    number[2] = number[3] = strain
+    number[4] = number[5] = rate
+
+
 def gamma_at(profile: Any, time: float) -> tuple[float, float]:
     """Return gamma and its rate [1/time] at a time."""
     found: tuple[float, float] = _GAMMA[type(profile)](profile, time)
@@ -161,6 +196,11 @@ class Flow(NamedTuple):
     back_dd: NDArray[np.float64]
     work_dd: NDArray[np.float64]
     number: NDArray[np.float64]
+
+
+def with_scratch(flow: Flow) -> Flow:
+    """Return the record with scratch matrices of its own."""
+    return flow._replace(step_dd=np.eye(3), back_dd=np.eye(3), work_dd=np.eye(3))
 
 
 @device

@@ -16,6 +16,16 @@ from packmech.constraints.rattle import Rattle, along_rattle, make_rattle, proje
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.bonds import bond_stretches, bond_table
+from packmech.dynamics.by_shape import (
+    inertia_per_mass,
+    most_beads,
+    place_turned,
+    rows_of_spins,
+    shapes_in_motion,
+    spins_of_rows,
+    turns_of,
+)
+from packmech.dynamics.contact_records import record_contacts
 from packmech.dynamics.deformation import (
     ALONG_X,
     GAMMA,
@@ -27,8 +37,7 @@ from packmech.dynamics.deformation import (
     gamma_at,
     set_flow,
 )
-from packmech.dynamics.displacements import displacements_now
-from packmech.dynamics.friction import Pace, leading_share
+from packmech.dynamics.friction import Now, leading_share
 from packmech.dynamics.observables import COLUMNS, Ledger, measure
 from packmech.dynamics.pair_lists import (
     Pairs,
@@ -41,18 +50,19 @@ from packmech.dynamics.pair_lists import (
     search,
     write_stretches,
 )
-from packmech.dynamics.shape_pairs import (
-    gyration_of,
-    most_beads,
-    rows_of_spins,
-    set_turns,
-    shapes_in_motion,
-    spins_of_rows,
-    turns_of,
-)
 from packmech.dynamics.stability import step_condition
-from packmech.dynamics.threads import ThreadRecord, run_together
-from packmech.dynamics.time_step import FORCES, REST_OF_STEP, SEARCH, TOO_FAST, WHOLE_STEP, Acting, State, take_steps
+from packmech.dynamics.time_step import (
+    FORCES,
+    TOO_FAST,
+    WHOLE_STEP,
+    Acting,
+    Rule,
+    Span,
+    State,
+    System,
+    advance,
+    run_steps,
+)
 from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity, refuse_tangential_bonds
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
@@ -68,7 +78,7 @@ from packmech.tangential import TangentialDisplacements
 # skin of the wide pair list in units of the harmonic mean diameter
 _SKIN = 0.6
 # particles that left the cell are moved back every so many steps, or whenever the box has sheared by so much
-_WRAP_EVERY, _SHEARED = 1024, 0.2
+WRAP_EVERY, SHEARED_ENOUGH = 1024, 0.2
 # whole lattice vectors, and entries of a change of lattice vectors, beyond which no run gets
 _FAR, _STEEP = 1 << 31, 1000
 # how far out of the cell a particle may get before it is wrapped, in lattice vectors
@@ -140,7 +150,7 @@ class Engine:
     resolution: float
     steps: int = 0
     started: bool = False
-    wrap_every: int = _WRAP_EVERY
+    wrap_every: int = WRAP_EVERY
     threads: int = 1
     force_evaluations: int = 0
     row_links: Links | None = None
@@ -154,9 +164,19 @@ class Engine:
         return self.steps * self.dt
 
     @property
-    def pace(self) -> Pace:
-        """How much of a slip is added to a spring before and after the force is taken."""
-        return Pace(0.5 * self.dt, 0.5 * self.dt) if self.second_order else Pace(0.0, self.dt)
+    def system(self) -> System:
+        """All that the compiled loops move."""
+        return System(self.acting, self.axes, self.state, self.rattle, self.space, self.pairs, self.track)
+
+    @property
+    def rule(self) -> Rule:
+        """How steps are taken; nothing may move by the smallest diameter in one of them."""
+        return Rule(self.dt, self.second_order, 2.0 * float(self.state.body[:, 3].min()))
+
+    @property
+    def now(self) -> Now:
+        """The time of the force taken last, for what looks at tangential springs."""
+        return Now(0.5 * self.dt if self.second_order else self.dt)
 
     @property
     def gamma(self) -> float:
@@ -201,8 +221,7 @@ class Engine:
         if not turns:
             return None
         spin, row = np.empty((len(self.order_n), turns)), self.state.body[:, 4 + d : 4 + d + turns]
-        shapes = self.acting.shapes
-        spin[self.order_n] = row if shapes is None or d == 2 else spins_of_rows(shapes, row)
+        spin[self.order_n] = row if d == 2 else spins_of_rows(self.acting.shapes, row)
         return spin
 
     def set_velocities(self, velocity_nd: NDArray[np.float64]) -> None:
@@ -245,7 +264,7 @@ class Engine:
         self._search()
         if self.steps == 0 and self.track is not None and self.scene.packing.tangential is not None:
             self._set_springs(self.scene.packing.tangential)
-        self._run(FORCES, 1, ledger)
+        self._take_forces(ledger)
         if self.state.last is not None:
             self.state.last[:] = self.state.push
         self.started = True
@@ -258,52 +277,21 @@ class Engine:
         if self.too_long is not None:
             return TOO_FAST
         left = steps
-        start = WHOLE_STEP
         while left > 0:
-            due = min(left, self.wrap_every - self.steps % self.wrap_every)
-            status, taken = self._run(start, due, ledger)
+            span = Span(WHOLE_STEP, self.steps, min(left, self.wrap_every - self.steps % self.wrap_every))
+            status, taken, system = advance(self.system, ledger, self.threads, span, self.rule)
+            self.pairs, self.track = system.pairs, system.track
             self.steps += taken
             self.force_evaluations += taken
             left -= taken
-            start = WHOLE_STEP
-            if status == SEARCH:
-                self._search()
-                start = REST_OF_STEP
-            elif status != RUNNING:
-                return status
-            elif self.steps % self.wrap_every == 0:
+            if status != RUNNING:
+                return int(status)
+            if self.steps % self.wrap_every == 0:
                 self.wrap()
         return RUNNING
 
-    def _run(self, start: int, steps: int, ledger: Ledger | None) -> tuple[int, int]:
-        reach = 2.0 * float(self.state.body[:, 3].min())
-        threads = min(self.threads, len(self.pairs.row_b) - 1)
-
-        def run(thread: ThreadRecord | None) -> tuple[int, int]:
-            space = self.space
-            if thread is not None and space.flow is not None:
-                # each thread has scratch arrays of its own
-                space = space._replace(flow=with_scratch(space.flow))
-            status, taken = take_steps(
-                self.acting,
-                self.axes,
-                self.state,
-                self.rattle,
-                space,
-                self.pairs,
-                self.track,
-                ledger,
-                thread,
-                start,
-                self.steps,
-                steps,
-                self.dt,
-                self.second_order,
-                reach,
-            )
-            return int(status), int(taken)
-
-        return run(None) if threads == 1 else run_together(run, threads)
+    def _take_forces(self, ledger: Ledger | None = None) -> None:
+        run_steps(self.system, ledger, self.threads, Span(FORCES, self.steps, 1), self.rule)
 
     def _search(self) -> None:
         self.pairs, self.track = search(self.axes, self.state.body, self.space, self.pairs, self.track)
@@ -316,19 +304,8 @@ class Engine:
         if self.rattle is not None and self.track is None and self.space.bonds is None:
             # links bear what dashpots do at the velocities now, not at those that a step extrapolated
             push = self.state.push.copy()
-            self._run(FORCES, 1, None)
-        measure(
-            self.acting,
-            self.axes,
-            self.state,
-            self.rattle,
-            self.space,
-            self.pairs,
-            self.track,
-            self.time,
-            self.pace,
-            out,
-        )
+            self._take_forces()
+        measure(self.system, self.time, self.now, out)
         if push is not None:
             self.state.push[:] = push
         return out
@@ -371,21 +348,16 @@ class Engine:
             return None
         if not self.started:
             return self.scene.packing.tangential
-        held = self.stretches()
-        now = np.zeros_like(held.stretch_ck)
-        where = held.i_c, held.j_c, held.image_cd.astype(float), held.bead_c2
-        displacements_now(
-            self.acting.shapes, self.axes, self.state, self.space, *where, held.stretch_ck, self.pace.after, now
-        )
-        some = now.any(axis=1)
+        now = record_contacts(self.system, self.now).stretch_pk
         # a run that went astray has nothing to hand on
-        if not some.any() or not np.isfinite(now).all():
+        if now is None or not now.any() or not np.isfinite(now).all():
             return None
+        held = read_stretches(self.pairs, Track(now, now), len(self.axes))
         # from rows and images of the loops' lattice to particles, their places and the scene's box
-        i, j = self.order_n[held.i_c[some]], self.order_n[held.j_c[some]]
-        image = held.image_cd[some, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
-        bead = held.bead_c2[some] if isinstance(self.scene.packing.shapes, Beads) else None
-        return TangentialDisplacements(i, j, image, now[some], bead)
+        i, j = self.order_n[held.i_c], self.order_n[held.j_c]
+        image = held.image_cd[:, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
+        bead = held.bead_c2 if isinstance(self.scene.packing.shapes, Beads) else None
+        return TangentialDisplacements(i, j, image, held.stretch_ck, bead)
 
     def packing(self) -> Packing:
         """Return the packing as it is now, with its box, turns and tangential displacements."""
@@ -483,11 +455,10 @@ class Engine:
             "change_dd": self.change_dd.copy(),
             "row_nk": state.body.copy(),
             "push_nk": state.push.copy(),
+            "turn_nq": turns_of(self.acting.shapes).copy(),
         }
         if state.last is not None:
             found["last_push_nk"] = state.last.copy()
-        if self.acting.shapes is not None:
-            found["unit_nd"] = turns_of(self.acting.shapes)
         if self.track is not None:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if space.bonds is not None:
@@ -544,8 +515,9 @@ class Engine:
         state.push[:] = saved("push_nk", state.push)
         if state.last is not None:
             state.last[:] = saved("last_push_nk", state.last)
-        if self.acting.shapes is not None:
-            set_turns(self.acting.shapes, saved("unit_nd", turns_of(self.acting.shapes)))
+        turn_nq = turns_of(self.acting.shapes)
+        turn_nq[:] = saved("turn_nq", turn_nq)
+        place_turned(self.acting.shapes)
         if self.space.flow is not None:
             numbers = saved("profile", _numbers(self.profile))
             if not isinstance(self.profile, Driven):
@@ -614,11 +586,6 @@ def make_flow(profile: Any, direction_dd: NDArray[np.float64], box: Box) -> Flow
     number[NILPOTENT] = not (direction @ direction).any()
     number[ALONG_X] = direction[0, 1] != 0.0 and np.count_nonzero(direction) == 1
     return Flow(profile, direction, lattice, np.zeros((3, 3)), np.eye(3), np.eye(3), np.eye(3), number)
-
-
-def with_scratch(flow: Flow) -> Flow:
-    """Return the record with scratch matrices of its own."""
-    return flow._replace(step_dd=np.eye(3), back_dd=np.eye(3), work_dd=np.eye(3))
 
 
 def _numbers(profile: Any) -> NDArray[np.float64]:
@@ -729,13 +696,11 @@ def build_engine(
     wrap = np.floor(fraction).astype(np.int64)
     body[:, :d] = (packing.position_nd - wrap @ packing.box.lattice_dd.T)[order]
     mass = np.ascontiguousarray(mass_n[order])
-    inertia = (0.5 if d == 2 else 0.4) * mass * body[:, 3] ** 2
     shape = shapes_in_motion(packing, order)
-    if shape is not None:
-        inertia = mass * gyration_of(shape) ** 2
+    inertia = mass * inertia_per_mass(shape, body[:, 3], d)
     if turns and spin_nk is not None:
         row = spin_nk[order]
-        body[:, 4 + d : 4 + d + spins] = row if shape is None or d == 2 else rows_of_spins(shape, row)
+        body[:, 4 + d : 4 + d + spins] = row if d == 2 else rows_of_spins(shape, row)
     weight = np.zeros((n, 2))
     weight[:, 0] = 1.0 / mass
     if turns:
@@ -800,9 +765,9 @@ def _in_order(value: NDArray[np.float64], order_n: NDArray[np.int64]) -> NDArray
 def _steps_between_wraps(profile: Any, direction_dd: NDArray[np.float64] | None, dt: float) -> int:
     """Return how many steps may pass before particles are wrapped; the same for every run of the same scene."""
     if direction_dd is None:
-        return _WRAP_EVERY
+        return WRAP_EVERY
     rate = getattr(profile, "rate", None)
     if rate is None:
         rate = getattr(profile, "amplitude", 0.0) * getattr(profile, "angular_frequency", 0.0)
     fastest = abs(float(rate)) * float(np.linalg.norm(direction_dd, 2)) * dt
-    return max(1, min(_WRAP_EVERY, int(math.floor(_SHEARED / fastest)))) if fastest > 0.0 else _WRAP_EVERY
+    return max(1, min(WRAP_EVERY, int(math.floor(SHEARED_ENOUGH / fastest)))) if fastest > 0.0 else WRAP_EVERY

@@ -25,26 +25,19 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 
 
-class Contact(NamedTuple):
-    """A touching pair: its rows, direction n from i to j, velocity u of j relative to i, distance, contact distance."""
+class Slip(NamedTuple):
+    """How two rows slip at a contact with the unit normal n from i to j.
 
-    i: Any
-    j: Any
+    Levers are those of the contact point about either center: their lengths along n (of i) and -n (of j), or vectors,
+    of j with the other sign. The slip velocity is s, in a plane its component sx along t = (-ny, nx), and o the angular
+    velocity with which the contact turns.
+    """
+
     nx: float
     ny: float
     nz: float
-    ux: float
-    uy: float
-    uz: float
-    r: float
-    sigma: float
-
-
-class Slip(NamedTuple):
-    """Arms of a contact, the slip velocity of the contact points (in a plane along t = (-ny, nx)), and how it turns."""
-
-    ai: float
-    aj: float
+    lever_i: Any
+    lever_j: Any
     sx: float
     sy: float
     sz: float
@@ -54,10 +47,54 @@ class Slip(NamedTuple):
 
 
 class Pace(NamedTuple):
-    """How much of the slip is added before and after the force is taken [time]."""
+    """A time step: how much of the slip is added to a spring before and after the force is taken [time]."""
 
     before: float
     after: float
+
+
+class Now(NamedTuple):
+    """The time of the force taken last, which changes no spring: they are ahead of it by the slip of this time."""
+
+    after: float
+
+
+class Spring(NamedTuple):
+    """Where the stretch of a tangential spring stands: the array, its row, and its first column there."""
+
+    stretch_pk: Any
+    p: Any
+    k: Any
+
+
+class Across(NamedTuple):
+    """A tangential force on i, its moment n x f, the stretch of its spring, and whether it is at Coulomb's cap."""
+
+    fx: float
+    fy: float
+    fz: float
+    mx: float
+    my: float
+    mz: float
+    x: float
+    y: float
+    z: float
+    sliding: float
+
+
+class Pull(NamedTuple):
+    """What two rows do to each other: force on i, torques on both, normal force, and what `Across` says of the spring.
+
+    The force on j is the opposite one.
+    """
+
+    fx: float
+    fy: float
+    fz: float
+    on_i: Any
+    on_j: Any
+    normal: float
+    across: Across
 
 
 @device
@@ -76,16 +113,15 @@ def rotated(x, y, z, ox, oy, oz, time):
 
 
 @device
-def stretch_before(stretch_pk, p, contact, slip, time):
-    """Return the stretch after a time at the present slip: turned, laid into the tangent plane, and stretched."""
-    x, y, z = stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2]
+def stretch_before(x, y, z, slip, time):
+    """Return a stretch after a time at the present slip: turned, laid into the tangent plane, and stretched."""
     size = x * x + y * y + z * z
     if size > 0.0:
         x, y, z = rotated(x, y, z, slip.ox, slip.oy, slip.oz, time)
-        along = x * contact.nx + y * contact.ny + z * contact.nz
-        x -= along * contact.nx
-        y -= along * contact.ny
-        z -= along * contact.nz
+        along = x * slip.nx + y * slip.ny + z * slip.nz
+        x -= along * slip.nx
+        y -= along * slip.ny
+        z -= along * slip.nz
         left = x * x + y * y + z * z
         scale = math.sqrt(size / left) if left > 0.0 else 0.0
         x *= scale
@@ -95,103 +131,162 @@ def stretch_before(stretch_pk, p, contact, slip, time):
 
 
 @device
-def stretch_after(stretch_pk, p, x, y, z, slip, time):
-    """Store the stretch after a time at the present slip: stretched, then turned."""
+def stretch_after(x, y, z, slip, time):
+    """Return a stretch after a time at the present slip: stretched, then turned."""
     x, y, z = x + time * slip.sx, y + time * slip.sy, z + time * slip.sz
-    x, y, z = rotated(x, y, z, slip.ox, slip.oy, slip.oz, time)
-    stretch_pk[p, 0] = x
-    stretch_pk[p, 1] = y
-    stretch_pk[p, 2] = z
+    return rotated(x, y, z, slip.ox, slip.oy, slip.oz, time)
 
 
-@device
-def slip_in_space(body, contact):
-    """Return the slip, with the angular velocity with which the contact turns."""
-    i, j, nx, ny, nz, ux, uy, uz, r, sigma = contact
-    share = r * (1.0 / sigma)
-    ai = body[i, 3] * share
-    aj = body[j, 3] * share
-    wx = ai * body[i, 7] + aj * body[j, 7]
-    wy = ai * body[i, 8] + aj * body[j, 8]
-    wz = ai * body[i, 9] + aj * body[j, 9]
+def by_pace(in_steps: Any, now: Any) -> Any:
+    """Return a function that runs one of two, by its last argument: a `Pace` or `Now`; compiled code only."""
+
+    def chosen(*arguments: Any) -> Any:
+        raise NotImplementedError("springs are stretched in compiled loops")
+
+    compiled_form(chosen, inline=True)(lambda *arguments: now if arguments[-1].instance_class is Now else in_steps)
+    return chosen
+
+
+@inlined
+def _read(axes, spring):
+    stretch, p, k = spring
+    if len(axes) == 2:
+        return stretch[p, k], 0.0, 0.0
+    return stretch[p, k], stretch[p, k + 1], stretch[p, k + 2]
+
+
+@inlined
+def _advanced(axes, spring, slip, pace):
+    x, y, z = _read(axes, spring)
+    if len(axes) == 2:
+        return x + pace.before * slip.sx, 0.0, 0.0
+    return stretch_before(x, y, z, slip, pace.before)
+
+
+@inlined
+def _put_back(axes, spring, slip, now):
+    x, y, z = _read(axes, spring)
+    if len(axes) == 2:
+        return x - now.after * slip.sx, 0.0, 0.0
+    x, y, z = rotated(x, y, z, slip.ox, slip.oy, slip.oz, -now.after)
+    return x - now.after * slip.sx, y - now.after * slip.sy, z - now.after * slip.sz
+
+
+@inlined
+def _keep(axes, spring, x, y, z, slip, pace):
+    stretch, p, k = spring
+    if len(axes) == 2:
+        stretch[p, k] = x + pace.after * slip.sx
+    else:
+        stretch[p, k], stretch[p, k + 1], stretch[p, k + 2] = stretch_after(x, y, z, slip, pace.after)
+
+
+@inlined
+def _keep_nothing(axes, spring, x, y, z, slip, now):
+    return None
+
+
+# the stretch that the force at this time is made of, and what is kept of it for the next one
+stretch_of_force = by_pace(_advanced, _put_back)
+keep_stretch = by_pace(_keep, _keep_nothing)
+
+
+@inlined
+def slip_of_round(axes, touch, levers, u, wi, wj):
+    """Return the slip of two discs or spheres, from the velocity u of their centers and the spins of both."""
+    nx, ny, nz = touch.x, touch.y, touch.z
+    ux, uy, uz = u
+    ai, aj = levers
+    if len(axes) == 2:
+        return Slip(nx, ny, 0.0, ai, aj, uy * nx - ux * ny - ai * wi[2] - aj * wj[2], 0.0, 0.0, 0.0, 0.0, 0.0)
+    wx, wy, wz = ai * wi[0] + aj * wj[0], ai * wi[1] + aj * wj[1], ai * wi[2] + aj * wj[2]
     along = ux * nx + uy * ny + uz * nz
     tx, ty, tz = ux - along * nx, uy - along * ny, uz - along * nz
-    # v_j - v_i - (a_i w_i + a_j w_j) x n, tangential part
-    sx = tx - (wy * nz - wz * ny)
-    sy = ty - (wz * nx - wx * nz)
-    sz = tz - (wx * ny - wy * nx)
     # the line of centers turns by n x dn/dt, and about itself with the mean spin along it
-    about = 0.5 * ((body[i, 7] + body[j, 7]) * nx + (body[i, 8] + body[j, 8]) * ny + (body[i, 9] + body[j, 9]) * nz)
-    inverse = 1.0 / r if r > 0.0 else 0.0
-    ox = (ny * tz - nz * ty) * inverse + about * nx
-    oy = (nz * tx - nx * tz) * inverse + about * ny
-    oz = (nx * ty - ny * tx) * inverse + about * nz
-    return Slip(ai, aj, sx, sy, sz, ox, oy, oz)
+    about = 0.5 * ((wi[0] + wj[0]) * nx + (wi[1] + wj[1]) * ny + (wi[2] + wj[2]) * nz)
+    inverse = 1.0 / touch.rho if touch.rho > 0.0 else 0.0
+    return Slip(
+        nx, ny, nz, ai, aj,
+        # v_j - v_i - (a_i w_i + a_j w_j) x n, tangential part
+        tx - (wy * nz - wz * ny), ty - (wz * nx - wx * nz), tz - (wx * ny - wy * nx),
+        (ny * tz - nz * ty) * inverse + about * nx,
+        (nz * tx - nx * tz) * inverse + about * ny,
+        (nx * ty - ny * tx) * inverse + about * nz,
+    )  # fmt: skip
 
 
-@device
-def slip_in_plane(body, contact):
-    """Return arms, and the slip along t = (-ny, nx)."""
-    i, j, nx, ny, _, ux, uy, _, r, sigma = contact
-    share = r * (1.0 / sigma)
-    ai = body[i, 3] * share
-    aj = body[j, 3] * share
-    return ai, aj, uy * nx - ux * ny - ai * body[i, 6] - aj * body[j, 6]
+@inlined
+def slip_of_discs(axes, body, i, j, touch, u):
+    """Return the slip of two rows of discs or spheres, from the velocity u of their centers."""
+    share = touch.rho * (1.0 / touch.sigma)
+    levers = body[i, 3] * share, body[j, 3] * share
+    return slip_of_round(axes, touch, levers, u, _spin(axes, body, i), _spin(axes, body, j))
 
 
-@device
-def with_moment(contact, slip, fx, fy, fz):
-    """Return a tangential force on i, its moment for an arm of one, and the arms: the torques are arm times moment."""
-    nx, ny, nz = contact.nx, contact.ny, contact.nz
-    return fx, fy, fz, ny * fz - nz * fy, nz * fx - nx * fz, nx * fy - ny * fx, slip.ai, slip.aj
+@inlined
+def _spin(axes, body, i):
+    if len(axes) == 2:
+        return 0.0, 0.0, body[i, 6]
+    return body[i, 7], body[i, 8], body[i, 9]
 
 
-@device
-def add_force(axes, spins, push, i, done):
-    """Add a pair's force, and its torque where particles turn, to row i."""
-    fx, fy, fz, mx, my, mz, ai, _ = done
-    push[i, 0] += fx
-    push[i, 1] += fy
+@inlined
+def across_contact(axes, slip, f, x, y, z, sliding):
+    """Return a tangential force, in a plane given by its component along t, as `Across` has it."""
+    nx, ny, nz = slip.nx, slip.ny, slip.nz
+    fx, fy, fz = f
+    if len(axes) == 2:
+        # along t = (-ny, nx); the moment n x t is one
+        return Across(fx * -ny, fx * nx, 0.0, 0.0, 0.0, fx, x, 0.0, 0.0, sliding)
+    return Across(fx, fy, fz, ny * fz - nz * fy, nz * fx - nx * fz, nx * fy - ny * fx, x, y, z, sliding)
+
+
+@inlined
+def cross(a, b):
+    """Return the vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def torque_of(lever: Any, across: Across) -> Any:
+    """Return the torque of a tangential force whose lever is a length along the normal, or a vector."""
+    raise NotImplementedError("particles are turned in compiled loops")
+
+
+@compiled_form(torque_of, inline=True)
+def _choose_torque_of(lever: Any, across: Any) -> Any:
+    if isinstance(lever, types.Float):
+        return lambda lever, across: (lever * across.mx, lever * across.my, lever * across.mz)
+    return lambda lever, across: cross(lever, (across.fx, across.fy, across.fz))
+
+
+@inlined
+def add_force(axes, spins, push, i, pull):
+    """Add a pull, and its torque where particles turn, to row i."""
+    push[i, 0] += pull.fx
+    push[i, 1] += pull.fy
     if len(axes) == 3:
-        push[i, 2] += fz
-    if len(spins) == 1:
-        push[i, 2] += ai * mz
-    if len(spins) == 3:
-        push[i, 3] += ai * mx
-        push[i, 4] += ai * my
-        push[i, 5] += ai * mz
+        push[i, 2] += pull.fz
+    _add_torque(axes, spins, push, i, pull.on_i)
 
 
-@device
-def add_reaction(axes, spins, push, j, done):
-    """Add the reaction to row j: the torque has the same sign on both."""
-    fx, fy, fz, mx, my, mz, _, aj = done
-    push[j, 0] -= fx
-    push[j, 1] -= fy
+@inlined
+def add_reaction(axes, spins, push, j, pull):
+    """Add the reaction to row j."""
+    push[j, 0] -= pull.fx
+    push[j, 1] -= pull.fy
     if len(axes) == 3:
-        push[j, 2] -= fz
-    if len(spins) == 1:
-        push[j, 2] += aj * mz
-    if len(spins) == 3:
-        push[j, 3] += aj * mx
-        push[j, 4] += aj * my
-        push[j, 5] += aj * mz
+        push[j, 2] -= pull.fz
+    _add_torque(axes, spins, push, j, pull.on_j)
 
 
-@device
-def store_reaction(axes, spins, slot_qk, q, done):
-    """Write the reaction to a slot."""
-    fx, fy, fz, mx, my, mz, _, aj = done
-    slot_qk[q, 0] = -fx
-    slot_qk[q, 1] = -fy
-    if len(axes) == 3:
-        slot_qk[q, 2] = -fz
+@inlined
+def _add_torque(axes, spins, push, i, torque):
     if len(spins) == 1:
-        slot_qk[q, 2] = aj * mz
+        push[i, 2] += torque[2]
     if len(spins) == 3:
-        slot_qk[q, 3] = aj * mx
-        slot_qk[q, 4] = aj * my
-        slot_qk[q, 5] = aj * mz
+        push[i, 3] += torque[0]
+        push[i, 4] += torque[1]
+        push[i, 5] += torque[2]
 
 
 # a little more than 1/3: oscillations up to omega dt = 1/3 then fall, by less than (omega dt)^4 / 100 a step
@@ -261,42 +356,38 @@ def _choose_turning_axes(friction: Any, axes: Any) -> Any:
     return (lambda friction, axes: axes) if len(axes) == 3 else (lambda friction, axes: (0,))
 
 
-@device
-def spring_in_plane(friction, stretch_pk, p, slip, normal, pace):
-    """Return the tangential force of a contact in a plane, its spring taken along."""
-    stretch = stretch_pk[p, 0] + pace.before * slip
-    force = uncapped_force(friction, stretch, slip)
+@inlined
+def _friction_in_plane(friction, axes, spring, slip, normal, pace):
+    stretch, _, _ = stretch_of_force(axes, spring, slip, pace)
+    force = uncapped_force(friction, stretch, slip.sx)
     cap = friction.coefficient * normal
     soft = 1.0 / friction.stiffness
     # no branch predictor knows which contacts slide: without a branch, what the cap takes is taken off the spring too;
     # never past rest nor beyond what it was, so that a strong dashpot does not wind it
     capped = min(max(force, -cap), cap)
     less = stretch + (capped - force) * soft
-    stretch = min(max(less, min(stretch, 0.0)), max(stretch, 0.0))
-    stretch_pk[p, 0] = stretch + pace.after * slip
-    return capped
+    keep_stretch(axes, spring, min(max(less, min(stretch, 0.0)), max(stretch, 0.0)), 0.0, 0.0, slip, pace)
+    return across_contact(axes, slip, (capped, 0.0, 0.0), stretch, 0.0, 0.0, _at_cap(abs(force), cap))
 
 
-@device
-def _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace):
-    ai, aj, slip = slip_in_plane(body, contact)
-    force = spring_in_plane(friction, stretch_pk, p, slip, normal, pace)
-    # along t = (-ny, nx); the moment n x t is one
-    return force * -contact.ny, force * contact.nx, 0.0, 0.0, 0.0, force, ai, aj
+@inlined
+def _at_cap(size, cap):
+    # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
+    return 1.0 if size >= cap * (1.0 - 1e-9) else 0.0
 
 
-@device
-def spring_in_space(friction, stretch_pk, p, contact, slip, normal, pace):
-    """Return the tangential force of a contact in space, its spring taken along."""
-    x, y, z = stretch_before(stretch_pk, p, contact, slip, pace.before)
-    fx = uncapped_force(friction, x, slip.sx)
-    fy = uncapped_force(friction, y, slip.sy)
-    fz = uncapped_force(friction, z, slip.sz)
+@inlined
+def _friction_in_space(friction, axes, spring, slip, normal, pace):
+    sx, sy, sz = stretch_of_force(axes, spring, slip, pace)
+    fx = uncapped_force(friction, sx, slip.sx)
+    fy = uncapped_force(friction, sy, slip.sy)
+    fz = uncapped_force(friction, sz, slip.sz)
     square = fx * fx + fy * fy + fz * fz
     cap = friction.coefficient * normal
     soft = 1.0 / friction.stiffness
+    x, y, z = sx, sy, sz
+    size = math.sqrt(square)
     if square > cap * cap:
-        size = math.sqrt(square)
         # as in a plane: the spring gives way along the force, and no farther than to rest
         along = (x * fx + y * fy + z * fz) / size
         less = min((size - cap) * soft, max(along, 0.0)) / size
@@ -307,71 +398,28 @@ def spring_in_space(friction, stretch_pk, p, contact, slip, normal, pace):
         fx *= scale
         fy *= scale
         fz *= scale
-    stretch_after(stretch_pk, p, x, y, z, slip, pace.after)
-    return fx, fy, fz
-
-
-@device
-def _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace):
-    slip = slip_in_space(body, contact)
-    fx, fy, fz = spring_in_space(friction, stretch_pk, p, contact, slip, normal, pace)
-    return with_moment(contact, slip, fx, fy, fz)
-
-
-@device
-def tangential_force_of_pair(friction, axes, body, stretch_pk, p, contact, normal, pace):
-    """Return the friction on i of a touching pair, its moment and arms; zeros without."""
-    if friction is None:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if len(axes) == 2:
-        return _friction_in_plane(friction, body, stretch_pk, p, contact, normal, pace)
-    return _friction_in_space(friction, body, stretch_pk, p, contact, normal, pace)
-
-
-@device
-def stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after):
-    """Return the stretch at this time, from the one that a pass has taken half a step ahead."""
-    if len(axes) == 2:
-        return stretch_pk[p, 0] - after * sx, 0.0, 0.0
-    x, y, z = rotated(stretch_pk[p, 0], stretch_pk[p, 1], stretch_pk[p, 2], ox, oy, oz, -after)
-    return x - after * sx, y - after * sy, z - after * sz
-
-
-@device
-def along_contact(axes, nx, ny, x, y, z):
-    """Return a tangential vector in Cartesian components."""
-    if len(axes) == 2:
-        return x * -ny, x * nx, 0.0
-    return x, y, z
+    keep_stretch(axes, spring, x, y, z, slip, pace)
+    return across_contact(axes, slip, (fx, fy, fz), sx, sy, sz, _at_cap(size, cap))
 
 
 @inlined
-def measure_spring(friction, axes, stretch_pk, p, nx, ny, sx, sy, sz, ox, oy, oz, normal, after):
-    """Return energy of a tangential spring, whether it slides, and its force on i."""
-    x, y, z = stretch_now(axes, stretch_pk, p, sx, sy, sz, ox, oy, oz, after)
-    cap = friction.coefficient * normal
+def tangential_force(friction, axes, spring, slip, normal, pace):
+    """Return the friction of a contact under a normal force, its spring taken along as the pace says."""
     if len(axes) == 2:
-        fx, fy, fz = uncapped_force(friction, x, sx), 0.0, 0.0
-        size = abs(fx)
-        square = x * x
-    else:
-        fx, fy, fz = uncapped_force(friction, x, sx), uncapped_force(friction, y, sy), uncapped_force(friction, z, sz)
-        size = math.sqrt(fx * fx + fy * fy + fz * fz)
-        square = x * x + y * y + z * z
-    # a spring at its cap is as far as it gets: rounding must not tell it from one beyond
-    sliding = 1.0 if size >= cap * (1.0 - 1e-9) else 0.0
-    if size > cap:
-        scale = cap / size
-        fx, fy, fz = fx * scale, fy * scale, fz * scale
-    fx, fy, fz = along_contact(axes, nx, ny, fx, fy, fz)
-    return 0.5 * friction.stiffness * square, sliding, fx, fy, fz
+        return _friction_in_plane(friction, axes, spring, slip, normal, pace)
+    return _friction_in_space(friction, axes, spring, slip, normal, pace)
 
 
-@device
-def reset_stretch(axes, stretch_pk, p):
-    """Set the stretch of a pair that does not touch to zero; nothing where no stretches are held."""
+@inlined
+def relax(axes, spring):
+    """Set the stretch of a contact that is open to zero; nothing where no stretches are held."""
+    _relax(axes, spring.stretch_pk, spring.p, spring.k)
+
+
+@inlined
+def _relax(axes, stretch_pk, p, k):
     if stretch_pk is not None:
-        stretch_pk[p, 0] = 0.0
+        stretch_pk[p, k] = 0.0
         if len(axes) == 3:
-            stretch_pk[p, 1] = 0.0
-            stretch_pk[p, 2] = 0.0
+            stretch_pk[p, k + 1] = 0.0
+            stretch_pk[p, k + 2] = 0.0

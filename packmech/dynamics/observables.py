@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import literal_unroll
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import ERROR
 from packmech.constraints.rattle import measure_tensions
-from packmech.dynamics.bonds import bond_first, bond_vector
-from packmech.dynamics.deformation import GAMMA, gamma_at, rates, relative, turning, with_flow
-from packmech.dynamics.friction import Contact, along_contact, measure_spring, slip_in_space, stretch_now
-from packmech.dynamics.shape_pairs import energy_of_row, measure_shapes, spinning_shapes
-from packmech.effects import law_energy, pair_elastic, pair_energy, pair_first, spin_drag
+from packmech.dynamics.bonds import bond_energy, bond_vector, pull_of_bond
+from packmech.dynamics.by_shape import energy_of_row, measure_spinning, touch_of_rows, touches_of
+from packmech.dynamics.contact_forces import energy_of, is_near, laws_of, pull_of_touch, visitor, walk_pairs
+from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
+from packmech.dynamics.friction import Now
+from packmech.effects import spin_drag
 from packmech.jit.compiled import device, inlined, lean
 
 # columns of a row of observables
@@ -51,18 +52,6 @@ def dyad(axes, sums, fx, fy, fz, dx, dy, dz):
     return xx, xy, xz, yx, yy, yz, zx, zy, zz
 
 
-@inlined
-def moment(axes, sums, ai, aj, nx, ny, nz, fx, fy, fz):
-    """Return three sums of torques with those of a tangential force added."""
-    mx, my, mz = sums
-    arm = ai + aj
-    mz += arm * (nx * fy - ny * fx)
-    if len(axes) == 3:
-        mx += arm * (ny * fz - nz * fy)
-        my += arm * (nz * fx - nx * fz)
-    return mx, my, mz
-
-
 @device
 def write(out, place, sums):
     """Write a tuple of sums to a row of observables."""
@@ -77,7 +66,7 @@ def energy_of_bodies(shapes, bodies, body, mass_n):
     if bodies is not None:
         for i in range(body.shape[0]):
             for one in literal_unroll(bodies):
-                energy += energy_of_row(one, shapes, body, i, mass_n[i])
+                energy += energy_of_row(shapes, one, body, i, mass_n[i])
     return energy
 
 
@@ -162,163 +151,95 @@ def measure_motion(axes, state, flowing, out):
     write(out, ANGULAR, (lx, ly, lz))
 
 
-@device
-def slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma):
-    """Return arms, the slip (its first number in a plane), and how fast the contact turns."""
-    if len(axes) == 2:
-        ai = body[i, 3] * r / sigma
-        aj = body[j, 3] * r / sigma
-        slip = ux * -ny + uy * nx - ai * body[i, 6] - aj * body[j, 6]
-        return ai, aj, slip, 0.0, 0.0, 0.0, 0.0, 0.0
-    ai, aj, sx, sy, sz, ox, oy, oz = slip_in_space(body, Contact(i, j, nx, ny, nz, ux, uy, uz, r, sigma))
-    return ai, aj, sx, sy, sz, ox, oy, oz
+class Summing(NamedTuple):
+    """The visitor that adds up the observables of contacts."""
+
+    axes: Any
+
+
+class ContactSums(NamedTuple):
+    """Energies of laws and of tangential springs, touches, sliding ones, normal forces, and nine of force by branch."""
+
+    potential: float
+    tangential: float
+    contacts: float
+    slides: float
+    total: float
+    force: Any
+
+
+@visitor(Summing)
+@inlined
+def _add_up(summing, laws, pair, sums):
+    if is_near(laws, pair):
+        for k in range(touches_of(laws.shapes, pair.i, pair.j)):
+            touch = touch_of_rows(laws.shapes, laws.axes, laws.body, pair, k)
+            if touch.touching:
+                pull = pull_of_touch(laws, pair, k, touch)
+                sums = ContactSums(
+                    sums.potential + energy_of(laws.effects, touch),
+                    sums.tangential + spring_energy(laws.friction, pull.across),
+                    sums.contacts + 1.0,
+                    sums.slides + pull.across.sliding,
+                    sums.total + pull.normal,
+                    dyad(summing.axes, sums.force, pull.fx, pull.fy, pull.fz, pair.dx, pair.dy, pair.dz),
+                )
+    return sums
 
 
 @inlined
-def measure_friction(friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace):
-    """Return energy of a tangential spring, whether it slides, its force on i, and arms; zeros without friction."""
+def spring_energy(friction, across):
+    """Return the energy of a tangential spring; none without friction."""
     if friction is None:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # numbers one by one: records here would round some sums in another way
-    ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    spring, sliding, fx, fy, fz = measure_spring(
-        friction, axes, stretch_pk, p, nx, ny, sx, sy, sz, ox, oy, oz, normal, pace.after
-    )
-    return spring, sliding, fx, fy, fz, ai, aj
-
-
-@device
-def is_touching(body, i, j, dx, dy, dz):
-    """Whether two particles that are so far apart touch."""
-    sigma = body[i, 3] + body[j, 3]
-    return dx * dx + dy * dy + dz * dz < sigma * sigma
+        return 0.0
+    return 0.5 * friction.stiffness * (across.x * across.x + across.y * across.y + across.z * across.z)
 
 
 @inlined
-def measure_pair(effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    """Return what a touching pair does: two energies, whether it slides, elastic force, force on i, n, and arms."""
-    r = math.sqrt(dx * dx + dy * dy + dz * dz)
-    sigma = body[i, 3] + body[j, 3]
-    # coincident centers have an energy, but no branch vector and so no stress
-    inverse = 1.0 / r if r > 0.0 else 0.0
-    nx, ny, nz = dx * inverse, dy * inverse, dz * inverse
-    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
-    rate = ux * nx + uy * ny + uz * nz
-    energy = 0.0
-    first = 0.0
-    elastic = 0.0
-    for one in literal_unroll(effects):
-        energy += pair_energy(one, r, sigma)
-        first += pair_first(one, r, sigma, rate)
-        elastic += pair_elastic(one, r, sigma)
-    normal = abs(elastic)
-    spring, sliding, fx, fy, fz, ai, aj = measure_friction(
-        friction, axes, body, stretch_pk, p, i, j, nx, ny, nz, ux, uy, uz, r, sigma, normal, pace
-    )
-    return energy, spring, sliding, normal, (first * nx, first * ny, first * nz), (fx, fy, fz), (nx, ny, nz), (ai, aj)
-
-
-@inlined
-def measure_pairs(shapes, effects, friction, flowing, axes, body, pairs, stretch_pk, pace, out):
+def measure_pairs(effects, laws, pairs, out):
     """Write the observables of touching pairs; nothing where no effect acts on them."""
     if effects is None:
         return
-    potential = tangential = contacts = slides = total = 0.0
-    force = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    torque = (0.0, 0.0, 0.0)
-    i_p, j_p, image_p, shift_kd = pairs.i_p, pairs.j_p, pairs.image_p, pairs.shift_kd
-    for s in range(pairs.start_s.shape[0] - 1):
-        for p in range(np.uint64(pairs.start_s[s]), np.uint64(pairs.start_s[s + 1])):
-            i, j = i_p[p], j_p[p]
-            dx, dy, dz = body[j, 0] - body[i, 0], body[j, 1] - body[i, 1], 0.0
-            if len(axes) == 3:
-                dz = body[j, 2] - body[i, 2]
-            if s % 2 == 1:
-                k = image_p[p]
-                dx += shift_kd[k, 0]
-                dy += shift_kd[k, 1]
-                if len(axes) == 3:
-                    dz += shift_kd[k, 2]
-            if shapes is not None:
-                touching, energy, spring, sliding, normal, fx, fy, fz = measure_shapes(
-                    shapes, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
-                )
-                if touching:
-                    potential += energy
-                    tangential += spring
-                    contacts += touching
-                    slides += sliding
-                    total += normal
-                    force = dyad(axes, force, fx, fy, fz, dx, dy, dz)
-                    # torques on both make up for that of the forces about either center
-                    torque = moment(axes, torque, 1.0, 0.0, dx, dy, dz, fx, fy, fz)
-            elif is_touching(body, i, j, dx, dy, dz):
-                energy, spring, sliding, normal, (gx, gy, gz), (fx, fy, fz), (nx, ny, nz), (ai, aj) = measure_pair(
-                    effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace
-                )
-                potential += energy
-                tangential += spring
-                contacts += 1.0
-                slides += sliding
-                total += normal
-                force = dyad(axes, force, gx + fx, gy + fy, gz + fz, dx, dy, dz)
-                torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
-    out[POTENTIAL] = potential
-    out[TANGENTIAL] = tangential
-    out[CONTACTS] = contacts
-    out[SLIDING] = slides
-    out[TOTAL] = total
-    write(out, FORCE, force)
-    write(out, TORQUE, torque)
-
-
-@inlined
-def bond_forces(bonds, flowing, axes, body, pace, b, branch):
-    """Return energies of a bond's two springs, its force on i along the bond and across it, n, and arms."""
-    i, j = bonds.i_b[b], bonds.j_b[b]
-    dx, dy, dz = branch
-    r = math.sqrt(dx * dx + dy * dy + dz * dz)
-    nx, ny, nz = dx / r, dy / r, dz / r
-    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
-    rest = bonds.rest_b[b]
-    first = bond_first(bonds.compression, bonds.tension, r, rest) + bonds.damping * (ux * nx + uy * ny + uz * nz)
-    energy = law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
-    sigma = body[i, 3] + body[j, 3]
-    ai, aj, sx, sy, sz, ox, oy, oz = slip_of(axes, body, i, j, nx, ny, nz, ux, uy, uz, r, sigma)
-    x, y, z = stretch_now(axes, bonds.stretch_bk, b, sx, sy, sz, ox, oy, oz, pace.after)
-    k, c = bonds.tangential_stiffness, bonds.tangential_damping
-    spring = 0.5 * k * (x * x + y * y + z * z)
-    across = along_contact(axes, nx, ny, k * x + c * sx, k * y + c * sy, k * z + c * sz)
-    return energy, spring, (first * nx, first * ny, first * nz), across, (nx, ny, nz), (ai, aj)
+    sums = ContactSums(0.0, 0.0, 0.0, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    for b in range(pairs.row_b.shape[0] - 1):
+        sums = walk_pairs(Summing(laws.axes), laws, pairs, b, sums)
+    out[POTENTIAL] = sums.potential
+    out[TANGENTIAL] = sums.tangential
+    out[CONTACTS] = sums.contacts
+    out[SLIDING] = sums.slides
+    out[TOTAL] = sums.total
+    write(out, FORCE, sums.force)
 
 
 @device
-def measure_bonds(bonds, flowing, axes, body, lattice, pace, out):
+def measure_bonds(bonds, laws, lattice, out):
     """Add what bonds do; nothing where the scene has none."""
     if bonds is None:
         return
+    axes, body = laws.axes, laws.body
     potential = tangential = 0.0
     force = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    torque = (0.0, 0.0, 0.0)
     for b in range(np.uint64(bonds.i_b.shape[0])):
-        i, j = bonds.i_b[b], bonds.j_b[b]
-        dx, dy, dz = bond_vector(axes, body, bonds.image_bd, lattice, b, i, j)
-        if dx * dx + dy * dy + dz * dz == 0.0:
-            continue
-        energy, spring, (gx, gy, gz), (fx, fy, fz), (nx, ny, nz), (ai, aj) = bond_forces(
-            bonds, flowing, axes, body, pace, b, (dx, dy, dz)
-        )
-        potential += energy
-        tangential += spring
-        force = dyad(axes, force, gx + fx, gy + fy, gz + fz, dx, dy, dz)
-        torque = moment(axes, torque, ai, aj, nx, ny, nz, fx, fy, fz)
+        dx, dy, dz = bond_vector(axes, body, bonds, lattice, b)
+        pull = pull_of_bond(bonds, laws, b, dx, dy, dz)
+        across = pull.across
+        potential += bond_energy(bonds, b, math.sqrt(dx * dx + dy * dy + dz * dz))
+        square = across.x * across.x + across.y * across.y + across.z * across.z
+        tangential += 0.5 * bonds.tangential_stiffness * square
+        force = dyad(axes, force, pull.fx, pull.fy, pull.fz, dx, dy, dz)
     out[POTENTIAL] += potential
     out[TANGENTIAL] += tangential
     for k in range(9):
         out[FORCE + k] += force[k]
         out[BONDED + k] = force[k]
-    for k in range(3):
-        out[TORQUE + k] += torque[k]
+
+
+@device
+def write_torques(out):
+    """Write the sums of torques on particles, which make up for those of the forces about their centers."""
+    for c in range(3):
+        a, b = (c + 1) % 3, (c + 2) % 3
+        out[TORQUE + c] = out[FORCE + 3 * b + a] - out[FORCE + 3 * a + b]
 
 
 @device
@@ -345,28 +266,28 @@ def strain_of(flow, time):
 
 
 @inlined
-def measure_into(acting, axes, state, links, space, pairs, track, time, pace, out):
+def measure_into(system, time, now, out):
     """Write the observables of the present time, in the columns named above."""
     for k in range(COLUMNS):
         out[k] = 0.0
-    flowing = rates(space.flow)
+    acting, axes, state, space = system.acting, system.axes, system.state, system.space
+    laws = laws_of(system, now)
     out[TIME] = time
     out[STRAIN], out[RATE] = strain_of(space.flow, time)
-    body = state.body
-    stretch_pk = None if track is None else track.inner_pk
-    measure_pairs(acting.shapes, acting.pairs, acting.friction, flowing, axes, body, pairs, stretch_pk, pace, out)
-    measure_bonds(space.bonds, flowing, axes, body, space.frame.lattice_dd, pace, out)
-    out[POTENTIAL] += energy_of_bodies(acting.shapes, acting.bodies, body, state.mass_n)
-    measure_motion(axes, state, flowing, out)
-    out[MOVING] += power_of_turning(acting.bodies, axes, state, flowing)
-    spinning_shapes(acting.shapes, axes, state, ROTATIONAL, SPINNING, out)
-    measure_links(links, axes, state, out)
+    measure_pairs(acting.pairs, laws, system.pairs, out)
+    measure_bonds(space.bonds, laws, space.frame.lattice_dd, out)
+    write_torques(out)
+    out[POTENTIAL] += energy_of_bodies(acting.shapes, acting.bodies, state.body, state.mass_n)
+    measure_motion(axes, state, laws.rates, out)
+    out[MOVING] += power_of_turning(acting.bodies, axes, state, laws.rates)
+    measure_spinning(acting.shapes, axes, state, out, ROTATIONAL, SPINNING)
+    measure_links(system.links, axes, state, out)
 
 
 @lean
-def measure(acting, axes, state, links, space, pairs, track, time, pace, out):
-    """Write the observables of the present time, in the columns named above."""
-    measure_into(acting, axes, state, links, space, pairs, track, time, pace, out)
+def measure(system, time, now, out):
+    """Write the observables of the present time, in the columns named above; `now` is a `Now`."""
+    measure_into(system, time, now, out)
 
 
 class Ledger(NamedTuple):
@@ -383,10 +304,10 @@ def new_ledger(every: int, rows: int) -> Ledger:
 
 
 @device
-def append_row(ledger, acting, axes, state, links, space, pairs, track, step, dt, pace):
+def append_row(ledger, system, step, pace, dt):
     """Write the observables of this step; nothing without a ledger."""
     if ledger is not None:
-        measure_into(acting, axes, state, links, space, pairs, track, step * dt, pace, ledger.row_tk[ledger.written[0]])
+        measure_into(system, step * dt, Now(pace.after), ledger.row_tk[ledger.written[0]])
         ledger.written[0] += 1
 
 

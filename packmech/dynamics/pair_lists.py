@@ -287,6 +287,12 @@ class Track(NamedTuple):
     outer_pk: NDArray[np.float64]
 
 
+@device
+def inner_stretches(track):
+    """Return the stretches of the inner pairs; None without a track."""
+    return None if track is None else track.inner_pk
+
+
 class Space(NamedTuple):
     """What pair lists need to know besides the rows: sizes, box, how it deforms, bonds, linked pairs (None without)."""
 
@@ -494,19 +500,6 @@ def search(axes, body, space, pairs, track):
     mark_strain(space.flow, OUTER_ANCHORED)
     rebuild_inner(axes, body, space, new, track)
     return new, track
-
-
-@device
-def deform_images(flow, lattice, image_kd, shift_kd):
-    """Put the images where the box has taken them."""
-    if flow is None:
-        return
-    for k in range(image_kd.shape[0]):
-        for a in range(3):
-            shift = 0.0
-            for b in range(3):
-                shift += lattice[a, b] * image_kd[k, b]
-            shift_kd[k, a] = shift
 
 
 def empty_track(dimension: int, beads: int = 1) -> Track:

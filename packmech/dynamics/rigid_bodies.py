@@ -19,15 +19,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.contacts.fused_volume import body_moments
-from packmech.dynamics.deformation import relative
-from packmech.dynamics.friction import Contact, Slip, measure_spring, reset_stretch, spring_in_plane, spring_in_space
-from packmech.effects import pair_elastic, pair_energy, pair_first
+from packmech.dynamics.friction import Slip, cross, slip_of_round
 from packmech.jit.compiled import device, inlined, kernel
-from packmech.minimize.passes.shape_rows import BeadRows, touch_of_two_beads
+from packmech.minimize.passes.shape_rows import BeadRows, touch_of_two_beads, touches
+from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.shapes import Beads
 
 
@@ -210,21 +208,42 @@ def turn_bodies(bodies, axes, half, low, high, dt):
 
 
 @inlined
-def body_dragged_to(bodies, i, wx, wy, wz):
-    """Return what the row of a body holds where it turns with a flow in space."""
+def dragged_to(bodies, axes, i, wx, wy, wz):
+    """Return what the row of a body holds where it turns with a flow."""
+    if len(axes) == 2:
+        return wx, wy, wz
     share = bodies.share_nk
     u, v, w = _seen(bodies.beads.frame_ndd, i, wx, wy, wz)
     return _unseen(bodies.beads.frame_ndd, i, u / share[i, 0], v / share[i, 1], w / share[i, 2])
 
 
-def rows_of_body_spins(bodies: BodyRows, spin_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+@inlined
+def motion_of_row(axes, body, i, spin):
+    """Return how a row moves that turns with a spin."""
+    w = body[i, 6] if len(axes) == 3 else 0.0
+    return Motion(body[i, 0], body[i, 1], body[i, 2], body[i, 4], body[i, 5], w, spin[0], spin[1], spin[2])
+
+
+@inlined
+def push_on_body(bodies, one, axes, body, i, mass):
+    """Return the force and the torque of one effect on a row."""
+    return push_on_shape(one, bodies.beads, i, motion_of_row(axes, body, i, spin_of_body(bodies, axes, body, i)), mass)
+
+
+@inlined
+def energy_of_body(bodies, one, body, i, mass):
+    """Return the energy of a row under one effect."""
+    return energy_of_shape(one, bodies.beads, i, body[i, 0], body[i, 1], body[i, 2], mass)[0]
+
+
+def rows_of_spins(bodies: BodyRows, spin_nk: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what the rows of bodies in space hold for angular velocities."""
     frame = bodies.beads.frame_ndd
     own = (frame * spin_nk[:, :, None]).sum(axis=1) / bodies.share_nk
     return np.asarray((frame * own[:, None, :]).sum(axis=2))
 
 
-def body_spins_of_rows(bodies: BodyRows, row_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+def spins_of_rows(bodies: BodyRows, row_nk: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the angular velocities of bodies in space."""
     frame = bodies.beads.frame_ndd
     own = (frame * row_nk[:, :, None]).sum(axis=1) * bodies.share_nk
@@ -232,199 +251,74 @@ def body_spins_of_rows(bodies: BodyRows, row_nk: NDArray[np.float64]) -> NDArray
 
 
 @inlined
-def push_of(effects, rho, sigma, rate):
-    """Return the derivative of the energy with its dashpots, and what of it is elastic."""
-    first = 0.0
-    elastic = 0.0
-    for one in literal_unroll(effects):
-        first += pair_first(one, rho, sigma, rate)
-        elastic += pair_elastic(one, rho, sigma)
-    return first, elastic
+def touches_of_bodies(bodies, i, j):
+    """Return how many pairs of beads two rows have."""
+    return touches(bodies.beads, i, j)
 
 
 @inlined
-def energy_of(effects, rho, sigma):
-    """Return the energy of a contact."""
-    energy = 0.0
-    for one in literal_unroll(effects):
-        energy += pair_energy(one, rho, sigma)
-    return energy
+def _two_beads(beads, pair, k):
+    """Return the beads of the k-th touch of two rows."""
+    others = beads.start_n[pair.j + 1] - beads.start_n[pair.j]
+    return beads.start_n[pair.i] + k // others, beads.start_n[pair.j] + k % others
 
 
 @inlined
-def _rate(touch, ux, uy, uz, wi, wj):
+def touch_of_bodies(bodies, axes, body, pair, k):
+    """Return the touch of two beads."""
+    one, other = _two_beads(bodies.beads, pair, k)
+    return touch_of_two_beads(bodies.beads, one, other, pair.dx, pair.dy, pair.dz)
+
+
+@inlined
+def rate_of_bodies(bodies, axes, body, pair, touch, u):
     """Return the rate of the distance of two beads."""
-    rate = ux * touch.x + uy * touch.y + uz * touch.z
+    wi, wj = spin_of_body(bodies, axes, body, pair.i), spin_of_body(bodies, axes, body, pair.j)
+    rate = u[0] * touch.x + u[1] * touch.y + u[2] * touch.z
     rate += touch.ix * wi[0] + touch.iy * wi[1] + touch.iz * wi[2]
     return rate + touch.jx * wj[0] + touch.jy * wj[1] + touch.jz * wj[2]
 
 
 @inlined
-def _slip(axes, beads, touch, one, other, ux, uy, uz, wi, wj):
-    """Return the slip of two beads (in a plane its first number), from the velocity of their bodies' centers."""
+def slip_of_bodies(bodies, axes, body, pair, k, touch, u):
+    """Return the slip of two beads, levers the points of contact."""
+    beads = bodies.beads
+    one, other = _two_beads(beads, pair, k)
+    wi, wj = spin_of_body(bodies, axes, body, pair.i), spin_of_body(bodies, axes, body, pair.j)
     ax, ay, az = beads.arm_bd[one, 0], beads.arm_bd[one, 1], beads.arm_bd[one, 2]
     bx, by, bz = beads.arm_bd[other, 0], beads.arm_bd[other, 1], beads.arm_bd[other, 2]
-    nx, ny, nz = touch.x, touch.y, touch.z
     share = touch.rho / touch.sigma
     ai, aj = share * beads.size_b[one], share * beads.size_b[other]
     # the velocity of the beads' centers
-    ux += wj[1] * bz - wj[2] * by - wi[1] * az + wi[2] * ay
-    uy += wj[2] * bx - wj[0] * bz - wi[2] * ax + wi[0] * az
-    if len(axes) == 2:
-        return Slip(ai, aj, uy * nx - ux * ny - ai * wi[2] - aj * wj[2], 0.0, 0.0, 0.0, 0.0, 0.0)
-    uz += wj[0] * by - wj[1] * bx - wi[0] * ay + wi[1] * ax
-    along = ux * nx + uy * ny + uz * nz
-    tx, ty, tz = ux - along * nx, uy - along * ny, uz - along * nz
-    wx, wy, wz = ai * wi[0] + aj * wj[0], ai * wi[1] + aj * wj[1], ai * wi[2] + aj * wj[2]
-    # as of spheres: the line of centers turns, and about itself with the mean spin along it
-    about = 0.5 * ((wi[0] + wj[0]) * nx + (wi[1] + wj[1]) * ny + (wi[2] + wj[2]) * nz)
-    inverse = 1.0 / touch.rho if touch.rho > 0.0 else 0.0
+    ux = u[0] + wj[1] * bz - wj[2] * by - wi[1] * az + wi[2] * ay
+    uy = u[1] + wj[2] * bx - wj[0] * bz - wi[2] * ax + wi[0] * az
+    uz = u[2] + wj[0] * by - wj[1] * bx - wi[0] * ay + wi[1] * ax
+    slip = slip_of_round(axes, touch, (ai, aj), (ux, uy, uz), wi, wj)
     return Slip(
-        ai, aj, tx - (wy * nz - wz * ny), ty - (wz * nx - wx * nz), tz - (wx * ny - wy * nx),
-        (ny * tz - nz * ty) * inverse + about * nx,
-        (nz * tx - nx * tz) * inverse + about * ny,
-        (nx * ty - ny * tx) * inverse + about * nz,
+        slip.nx, slip.ny, slip.nz,
+        (ax + ai * slip.nx, ay + ai * slip.ny, az + ai * slip.nz),
+        (aj * slip.nx - bx, aj * slip.ny - by, aj * slip.nz - bz),
+        slip.sx, slip.sy, slip.sz, slip.ox, slip.oy, slip.oz,
     )  # fmt: skip
 
 
 @inlined
-def _springs(axes, stretch_pk):
-    """Return the springs of all pairs of beads one after another."""
-    return stretch_pk.reshape(-1, 3 if len(axes) == 3 else 1)
-
-
-@inlined
-def _first_spring(axes, stretch_pk, p):
-    """Return the number of the first spring of a pair of bodies, and how many the pairs of one bead have."""
-    springs = stretch_pk.shape[1] // 3 if len(axes) == 3 else stretch_pk.shape[1]
-    return p * springs, int(round(math.sqrt(springs)))
-
-
-@inlined
-def _spring_of(axes, beads, stretch_pk, p, i, j, one, other):
-    """Return the number of the spring of two beads; none without friction."""
+def place_of_spring(bodies, axes, stretch_pk, pair, k):
+    """Return the first column of the spring of the k-th touch in a row, which has room for the largest bodies."""
     if stretch_pk is None:
         return 0
-    first, most = _first_spring(axes, stretch_pk, p)
-    return first + (one - beads.start_n[i]) * most + other - beads.start_n[j]
+    start, components = bodies.beads.start_n, 3 if len(axes) == 3 else 1
+    most = int(round(math.sqrt(stretch_pk.shape[1] // components)))
+    others = start[pair.j + 1] - start[pair.j]
+    return components * (k // others * most + k % others)
 
 
 @inlined
-def _friction(friction, axes, beads, stretch_pk, s, touch, i, j, one, other, u, wi, wj, elastic, pace):
-    """Return the friction on i, and its torques on both; zeros without."""
-    if friction is None:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    slip = _slip(axes, beads, touch, one, other, u[0], u[1], u[2], wi, wj)
-    nx, ny, nz = touch.x, touch.y, touch.z
-    arm = beads.arm_bd
-    # the point of contact from either center
-    ax, ay, az = arm[one, 0] + slip.ai * nx, arm[one, 1] + slip.ai * ny, arm[one, 2] + slip.ai * nz
-    bx, by, bz = arm[other, 0] - slip.aj * nx, arm[other, 1] - slip.aj * ny, arm[other, 2] - slip.aj * nz
-    if len(axes) == 2:
-        force = spring_in_plane(friction, _springs(axes, stretch_pk), s, slip.sx, abs(elastic), pace)
-        fx, fy = force * -ny, force * nx
-        return (fx, fy, 0.0), (0.0, 0.0, ax * fy - ay * fx), (0.0, 0.0, by * fx - bx * fy)
-    contact = Contact(i, j, nx, ny, nz, u[0], u[1], u[2], touch.rho, touch.sigma)
-    fx, fy, fz = spring_in_space(friction, _springs(axes, stretch_pk), s, contact, slip, abs(elastic), pace)
-    return (
-        (fx, fy, fz),
-        (ay * fz - az * fy, az * fx - ax * fz, ax * fy - ay * fx),
-        (bz * fy - by * fz, bx * fz - bz * fx, by * fx - bx * fy),
-    )
-
-
-@inlined
-def _reset(axes, stretch_pk, s):
+def relax_all(bodies, axes, stretch_pk, p):
+    """Set all springs of a pair to zero; nothing where no stretches are held."""
     if stretch_pk is not None:
-        reset_stretch(axes, _springs(axes, stretch_pk), s)
-
-
-@inlined
-def forces_of_bodies(bodies, effects, friction, rates, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    """Return whether beads of two rows touch, the force on i, and the torques on both."""
-    beads, touching = bodies.beads, False
-    fx = fy = fz = ix = iy = iz = jx = jy = jz = 0.0
-    start = beads.start_n
-    for one in range(start[i], start[i + 1]):
-        for other in range(start[j], start[j + 1]):
-            touch = touch_of_two_beads(beads, one, other, dx, dy, dz)
-            s = _spring_of(axes, beads, stretch_pk, p, i, j, one, other)
-            if not touch.touching:
-                _reset(axes, stretch_pk, s)
-                continue
-            touching = True
-            u = relative(rates, axes, body, i, j, dx, dy, dz)
-            wi, wj = spin_of_body(bodies, axes, body, i), spin_of_body(bodies, axes, body, j)
-            first, elastic = push_of(effects, touch.rho, touch.sigma, _rate(touch, u[0], u[1], u[2], wi, wj))
-            across, on_i, on_j = _friction(
-                friction, axes, beads, stretch_pk, s, touch, i, j, one, other, u, wi, wj, elastic, pace
-            )
-            fx += first * touch.x + across[0]
-            fy += first * touch.y + across[1]
-            fz += first * touch.z + across[2]
-            ix += on_i[0] - first * touch.ix
-            iy += on_i[1] - first * touch.iy
-            iz += on_i[2] - first * touch.iz
-            jx += on_j[0] - first * touch.jx
-            jy += on_j[1] - first * touch.jy
-            jz += on_j[2] - first * touch.jz
-    return touching, fx, fy, fz, ix, iy, iz, jx, jy, jz
-
-
-@inlined
-def _measure_friction(friction, axes, beads, stretch_pk, s, touch, one, other, u, wi, wj, normal, pace):
-    """Return the energy of a tangential spring, whether it slides, and its force on i; zeros without friction."""
-    if friction is None:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    slip = _slip(axes, beads, touch, one, other, u[0], u[1], u[2], wi, wj)
-    return measure_spring(
-        friction, axes, _springs(axes, stretch_pk), s, touch.x, touch.y,
-        slip.sx, slip.sy, slip.sz, slip.ox, slip.oy, slip.oz, normal, pace.after,
-    )  # fmt: skip
-
-
-@inlined
-def measure_bodies(bodies, effects, friction, flowing, axes, body, stretch_pk, p, i, j, dx, dy, dz, pace):
-    """Return how many pairs of beads touch, two energies, how many slide, the sum of elastic forces, the force on i."""
-    beads, touching = bodies.beads, 0
-    energy = tangential = slides = total = fx = fy = fz = 0.0
-    u = relative(flowing, axes, body, i, j, dx, dy, dz)
-    wi, wj = spin_of_body(bodies, axes, body, i), spin_of_body(bodies, axes, body, j)
-    start = beads.start_n
-    for one in range(start[i], start[i + 1]):
-        for other in range(start[j], start[j + 1]):
-            touch = touch_of_two_beads(beads, one, other, dx, dy, dz)
-            if not touch.touching:
-                continue
-            touching += 1
-            s = _spring_of(axes, beads, stretch_pk, p, i, j, one, other)
-            first, elastic = push_of(effects, touch.rho, touch.sigma, _rate(touch, u[0], u[1], u[2], wi, wj))
-            energy += energy_of(effects, touch.rho, touch.sigma)
-            normal = abs(elastic)
-            total += normal
-            spring, sliding, x, y, z = _measure_friction(
-                friction, axes, beads, stretch_pk, s, touch, one, other, u, wi, wj, normal, pace
-            )
-            tangential += spring
-            slides += sliding
-            fx += first * touch.x + x
-            fy += first * touch.y + y
-            fz += first * touch.z + z
-    return touching, energy, tangential, slides, total, fx, fy, fz
-
-
-@inlined
-def slip_of_bodies(bodies, axes, body, flowing, i, j, one, other, dx, dy, dz):
-    """Return whether two beads of two rows touch, counted from 0 in each, and their slip as `slip_of` does."""
-    beads = bodies.beads
-    one, other = beads.start_n[i] + one, beads.start_n[j] + other
-    touch = touch_of_two_beads(beads, one, other, dx, dy, dz)
-    if not touch.touching:
-        return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    ux, uy, uz = relative(flowing, axes, body, i, j, dx, dy, dz)
-    wi, wj = spin_of_body(bodies, axes, body, i), spin_of_body(bodies, axes, body, j)
-    slip = _slip(axes, beads, touch, one, other, ux, uy, uz, wi, wj)
-    return True, (touch.x, touch.y, slip.sx, slip.sy, slip.sz, slip.ox, slip.oy, slip.oz)
+        for k in range(stretch_pk.shape[1]):
+            stretch_pk[p, k] = 0.0
 
 
 @inlined
@@ -439,52 +333,70 @@ def energy_about_axes(bodies, axes, state, i):
 
 
 @inlined
-def inertial_stress_of_body(bodies, axes, state, i, work_dd):
-    """Write the integral of a x over a turning body, a the acceleration by its rotation, its symmetric part."""
-    frame, spread = bodies.beads.frame_ndd, bodies.spread_ndd
-    for k in range(3):
-        for m in range(3):
-            total = 0.0
-            for a in range(3):
-                for b in range(3):
-                    total += frame[i, k, a] * spread[i, a, b] * frame[i, m, b]
-            work_dd[1, k, m] = state.mass_n[i] * total
-    ox, oy, oz = spin_of_body(bodies, axes, state.body, i)
+def inertial_stress(bodies, axes, state, i):
+    """Return xx, xy, xz, yy, yz, zz of the integral of a x over a turning body, a the acceleration by its rotation."""
+    frame, own, mass = bodies.beads.frame_ndd, bodies.spread_ndd, state.mass_n[i]
+    first = _seen_through(frame, own, i, 0)
+    second = _seen_through(frame, own, i, 1)
+    third = _seen_through(frame, own, i, 2)
+    spread = (
+        mass * first[0], mass * first[1], mass * first[2],
+        mass * second[1], mass * second[2], mass * third[2],
+    )  # fmt: skip
+    spin = spin_of_body(bodies, axes, state.body, i)
     inverse = state.weight_nk[i, 1]
     if len(axes) == 2:
-        stretched_matter(work_dd, ox, oy, oz, 0.0, 0.0, inverse * state.push[i, 2])
-        return
+        return stretched_matter(spread, spin, (0.0, 0.0, inverse * state.push[i, 2]))
     # the rate of the angular velocity: of the torque less that of the angular momentum, which the frame turns under
-    x, y, z = state.body[i, 7], state.body[i, 8], state.body[i, 9]
-    px, py, pz = _per_inertia(
+    turned = cross(spin, (state.body[i, 7], state.body[i, 8], state.body[i, 9]))
+    rate = _per_inertia(
         bodies,
         i,
-        inverse * state.push[i, 3] - (oy * z - oz * y),
-        inverse * state.push[i, 4] - (oz * x - ox * z),
-        inverse * state.push[i, 5] - (ox * y - oy * x),
+        inverse * state.push[i, 3] - turned[0],
+        inverse * state.push[i, 4] - turned[1],
+        inverse * state.push[i, 5] - turned[2],
     )
-    stretched_matter(work_dd, ox, oy, oz, px, py, pz)
+    return stretched_matter(spread, spin, rate)
 
 
 @inlined
-def stretched_matter(work_dd, ox, oy, oz, px, py, pz):
-    """Write the integral of a x of matter with second moments in work_dd[1], by its rates of turning w and w'.
-
-    With S the integral of x x: w (S w) - w^2 S, and what the angular acceleration adds; the symmetric part, to 0.
-    """
-    s = work_dd[1]
-    square = ox * ox + oy * oy + oz * oz
-    spin = (ox, oy, oz)
-    bent = (
-        ox * s[0, 0] + oy * s[1, 0] + oz * s[2, 0],
-        ox * s[0, 1] + oy * s[1, 1] + oz * s[2, 1],
-        ox * s[0, 2] + oy * s[1, 2] + oz * s[2, 2],
+def _seen_through(frame, own, i, k):
+    """Return row k of a matrix of the body i, seen from outside."""
+    x, y, z = frame[i, k, 0], frame[i, k, 1], frame[i, k, 2]
+    return _unseen(
+        frame,
+        i,
+        x * own[i, 0, 0] + y * own[i, 1, 0] + z * own[i, 2, 0],
+        x * own[i, 0, 1] + y * own[i, 1, 1] + z * own[i, 2, 1],
+        x * own[i, 0, 2] + y * own[i, 1, 2] + z * own[i, 2, 2],
     )
-    for m in range(3):
-        work_dd[2, 0, m] = py * s[2, m] - pz * s[1, m]
-        work_dd[2, 1, m] = pz * s[0, m] - px * s[2, m]
-        work_dd[2, 2, m] = px * s[1, m] - py * s[0, m]
-    for k in range(3):
-        for m in range(3):
-            along = spin[k] * bent[m] + spin[m] * bent[k] + work_dd[2, k, m] + work_dd[2, m, k]
-            work_dd[0, k, m] = 0.5 * along - square * s[k, m]
+
+
+@inlined
+def times(m, v):
+    """Return the symmetric matrix (xx, xy, xz, yy, yz, zz) times a vector."""
+    return (
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[1] * v[0] + m[3] * v[1] + m[4] * v[2],
+        m[2] * v[0] + m[4] * v[1] + m[5] * v[2],
+    )
+
+
+@inlined
+def stretched_matter(spread, spin, rate):
+    """Return xx, xy, xz, yy, yz, zz of the integral of a x of matter by its second moments, angular velocity w and w'.
+
+    With S the integral of x x: w (S w) - w^2 S, and what the angular acceleration adds; the symmetric part.
+    """
+    xx, xy, xz, yy, yz, zz = spread
+    square = spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]
+    bent = times(spread, spin)
+    one, two, three = cross(rate, (xx, xy, xz)), cross(rate, (xy, yy, yz)), cross(rate, (xz, yz, zz))
+    return (
+        spin[0] * bent[0] + one[0] - square * xx,
+        0.5 * (spin[0] * bent[1] + spin[1] * bent[0] + two[0] + one[1]) - square * xy,
+        0.5 * (spin[0] * bent[2] + spin[2] * bent[0] + three[0] + one[2]) - square * xz,
+        spin[1] * bent[1] + two[1] - square * yy,
+        0.5 * (spin[1] * bent[2] + spin[2] * bent[1] + three[1] + two[2]) - square * yz,
+        spin[2] * bent[2] + three[2] - square * zz,
+    )

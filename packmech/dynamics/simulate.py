@@ -7,7 +7,7 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -127,20 +127,9 @@ def simulate(
     ('FINISHED', [0.5], True)
 
     """
+    motion = Asked(steps, duration, dt, method, velocity_nd, temperature, seed, spin_nk, applied_strain, held_n)
     settings, velocity, spin = _settings(
-        scene,
-        steps=steps,
-        duration=duration,
-        dt=dt,
-        method=method,
-        velocity_nd=velocity_nd,
-        temperature=temperature,
-        seed=seed,
-        spin_nk=spin_nk,
-        applied_strain=applied_strain,
-        held_n=held_n,
-        trace_every=trace_every,
-        trace_positions=trace_positions,
+        scene, motion._replace(trace_every=trace_every, trace_positions=trace_positions)
     )
     limits = run_settings(
         time_limit=time_limit,
@@ -234,47 +223,47 @@ def resume(
     return task.run(lambda: restore_from(found.arrays, task, "path", path))
 
 
-def _settings(
-    scene: Any,
-    *,
-    steps: Any = None,
-    duration: Any = None,
-    dt: Any = None,
-    method: Any = None,
-    velocity_nd: Any = None,
-    temperature: Any = None,
-    seed: Any = None,
-    spin_nk: Any = None,
-    applied_strain: Any = None,
-    held_n: Any = None,
-    trace_every: Any = None,
-    trace_positions: Any = False,
-) -> tuple[SimulationSettings, NDArray[np.float64], NDArray[np.float64] | None]:
+class Asked(NamedTuple):
+    """The arguments of `simulate` that say which motion it is, unchecked."""
+
+    steps: Any = None
+    duration: Any = None
+    dt: Any = None
+    method: Any = None
+    velocity_nd: Any = None
+    temperature: Any = None
+    seed: Any = None
+    spin_nk: Any = None
+    applied_strain: Any = None
+    held_n: Any = None
+    trace_every: Any = None
+    trace_positions: Any = False
+
+
+def _settings(scene: Any, asked: Asked) -> tuple[SimulationSettings, NDArray[np.float64], NDArray[np.float64] | None]:
     """Return the settings, velocities and spins that the arguments of `simulate` say, after checking them."""
     instance("scene", scene, Scene)
-    method = checked_method(method)
-    velocity, spin, held = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)
-    longest = choose_time_step(scene, method.fraction) if dt is None else positive("dt", dt)
-    count, step = _steps(steps, duration, longest)
-    if seed is not None:
-        integer("seed", seed, at_least=0)
-    if temperature is not None:
-        _check_temperature(temperature, velocity_nd, seed)
-    instance("trace_positions", trace_positions, bool)
-    if applied_strain is not None and not isinstance(applied_strain, SteadyStrain | OscillatoryStrain):
-        raise TypeError(
-            f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {applied_strain!r}"
-        )
+    method, strain = checked_method(asked.method), asked.applied_strain
+    velocity, spin, held = start_of_motion(scene.packing, asked.velocity_nd, asked.spin_nk, asked.held_n)
+    longest = choose_time_step(scene, method.fraction) if asked.dt is None else positive("dt", asked.dt)
+    count, step = _steps(asked.steps, asked.duration, longest)
+    if asked.seed is not None:
+        integer("seed", asked.seed, at_least=0)
+    if asked.temperature is not None:
+        _check_temperature(asked.temperature, asked.velocity_nd, asked.seed)
+    instance("trace_positions", asked.trace_positions, bool)
+    if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
+        raise TypeError(f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {strain!r}")
     settings = SimulationSettings(
         scene,
         step,
         count,
         method,
-        applied_strain,
+        strain,
         held,
-        None if trace_every is None else integer("trace_every", trace_every, at_least=1),
-        trace_positions,
-        fingerprint((velocity, spin, held, temperature, seed)),
+        None if asked.trace_every is None else integer("trace_every", asked.trace_every, at_least=1),
+        asked.trace_positions,
+        fingerprint((velocity, spin, held, asked.temperature, asked.seed)),
     )
     return settings, velocity, spin
 
@@ -297,7 +286,7 @@ def simulate_from(path: Path, scene: Scene, *, progress: Progress | None, check:
     """
     if not path.exists():
         return simulate(scene, checkpoint=path, progress=progress, check=check, **given)
-    asked = json.loads(json.dumps(_settings(scene, **given)[0].to_table()))
+    asked = json.loads(json.dumps(_settings(scene, Asked(**given))[0].to_table()))
     kept = read_checkpoint(path, KIND, argument="checkpoint").settings
     # a run may be taken to a later end, and another scene is refused by name
     others = [name for name in asked if name not in ("steps", "scene") and kept.get(name) != asked[name]]

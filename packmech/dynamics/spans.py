@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.constraints.projection import strain_box
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import stiffness_and_damping
@@ -20,6 +21,7 @@ from packmech.dynamics.observables import (
     SLIDING,
     TANGENTIAL,
     TOTAL,
+    link_stress,
     tensors,
 )
 from packmech.effects import Bonds, ContactDamping, Friction, Walls
@@ -58,7 +60,7 @@ class Spans:
     steps
         Steps taken.
     stress_dd
-        (d, d) stress now, kinetic and torques' parts included; tension positive [energy/length^d].
+        (d, d) stress now, links', kinetic and torques' parts included; tension positive [energy/length^d].
 
     """
 
@@ -68,9 +70,8 @@ class Spans:
         dt: float,
         velocity_nd: NDArray[np.float64] | None = None,
         spin_nk: NDArray[np.float64] | None = None,
-        threads: int = 1,
     ) -> None:
-        self.scene, self.dt, self.steps, self.threads = scene, dt, 0, threads
+        self.scene, self.dt, self.steps = scene, dt, 0
         self.velocity_nd = np.zeros_like(scene.packing.position_nd) if velocity_nd is None else velocity_nd
         self.spin_nk = spin_nk
         self._limits: tuple[Condition, ...] = ()
@@ -81,11 +82,18 @@ class Spans:
         """Take so many steps in which the box deforms at this (d, d) rate; return whether they were short enough.
 
         The deformation gradient is 1 + t rate from the start of the span on; where steps were too long everything stays
-        as it was.
+        as it was. A box of linked particles, whose links the engine holds in a box at rest alone, is strained at once:
+        clusters go along without slip at their contacts.
         """
+        before = self.scene
+        if before.packing.links is not None:
+            tangential = before.packing.tangential
+            strained = strain_box(before.packing, steps * self.dt * rate_dd).replace(tangential=tangential)
+            self.scene = before.replace(packing=strained)
         engine = self._engine(rate_dd)
         self._limits = engine.limits()
         if engine.advance(steps) != RUNNING:
+            self.scene = before
             return False
         self.steps += steps
         self.scene = self.scene.replace(packing=engine.packing())
@@ -124,6 +132,16 @@ class Spans:
         return float(self.row[POTENTIAL] + self.row[TANGENTIAL])
 
     @property
+    def pressure(self) -> float:
+        """Pressure, -trace/d of the stress [energy/length^d]."""
+        return -float(np.trace(self.stress_dd)) / len(self.stress_dd)
+
+    def shear_stress(self, axes: tuple[int, int]) -> float:
+        """Return the component of the stress along two axes, its mean with the transposed one [energy/length^d]."""
+        a, b = axes
+        return 0.5 * float(self.stress_dd[a, b] + self.stress_dd[b, a])
+
+    @property
     def residual(self) -> float:
         """Largest net force over the mean contact force [1]; nan where nothing touches."""
         mean = self.row[TOTAL] / self.row[CONTACTS] if self.row[CONTACTS] else 0.0
@@ -160,16 +178,17 @@ class Spans:
     def _engine(self, rate_dd: NDArray[np.float64]) -> Engine:
         """Return the engine of what is there now, in a box that deforms at this rate."""
         size = float(np.abs(rate_dd).max())
+        still = self.scene.packing.links is not None
         return build_engine(
             self.scene,
             dt=self.dt,
             velocity_nd=self.velocity_nd,
             spin_nk=self.spin_nk,
-            profile=Ramp(0.0, size, 0.0, math.inf),
-            direction_dd=rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
-            threads=self.threads,
+            profile=None if still else Ramp(0.0, size, 0.0, math.inf),
+            direction_dd=None if still else rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
         )
 
     def _look(self, engine: Engine) -> None:
         self.row = engine.observe()
-        self.stress_dd = tensors(self.row, self.scene.packing.dimension, engine.box().volume)["overall"]
+        d, volume = self.scene.packing.dimension, engine.box().volume
+        self.stress_dd = tensors(self.row, d, volume)["overall"] + link_stress(self.row, d, volume)

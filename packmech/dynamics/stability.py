@@ -120,7 +120,7 @@ def growth(spring: float, dashpot: float, *, tangential: bool, second_order: boo
     kicked = v + half * a
     seen = kicked + (kicked - v) + 0.5 * lead * (a - before) if second_order else kicked
     if tangential:
-        # what a pass adds before and after it takes the force: `Engine.pace`
+        # what is added before and after the force is taken: `Pace`
         place = x + 0.5 * seen if second_order else x
     else:
         place = x + kicked

@@ -11,199 +11,23 @@ from numba import literal_unroll
 
 from packmech.constraints.rattle import rattle_positions, rattle_velocities
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
-from packmech.dynamics.contact_forces import contacts_of_block
-from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, rates, turning
+from packmech.dynamics.by_shape import dragged_to, push_on_row, turn_shapes
+from packmech.dynamics.contact_forces import contacts_of_block, laws_of
+from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, turning, with_scratch
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.pair_lists import (
     collect,
-    deform_images,
     is_stale,
     largest_contact,
+    search,
     update_lists,
 )
-from packmech.dynamics.shape_pairs import dragged_to, push_on_row, shapes_of_block, turn_shapes
-from packmech.dynamics.threads import broadcast, is_first, largest, share, wait
+from packmech.dynamics.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
 from packmech.effects import spin_drag
-from packmech.jit.compiled import device, inlined, lean
+from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
-
-
-@device
-def _clear(axes, spins, push, i):
-    for a in range(len(axes) + len(spins)):
-        push[i, a] = 0.0
-
-
-@device
-def clear_rows(axes, state, low, high):
-    """Set the forces on rows to zero."""
-    for i in range(low, high):
-        _clear(axes, state.spins, state.push, i)
-
-
-@inlined
-def extrapolated(last, state, ahead, i, a, kick, kicked, before):
-    """Return what a velocity, kicked by a force from what it was before, is taken for at the end of the step."""
-    if last is None:
-        return kicked + ahead * (kicked - before)
-    force = state.push[i, a]
-    change = force - last[i, a]
-    last[i, a] = force
-    return kicked + ahead * (kicked - before) + kick * state.lead * change
-
-
-@inlined
-def _kick_spins(axes, state, i, early, ahead):
-    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    for k in range(len(state.spins)):
-        a = len(axes) + k
-        before = body[i, 4 + a]
-        kick = early * weight[i, 1]
-        kicked = before + kick * push[i, a]
-        half[i, a] = kicked
-        body[i, 4 + a] = extrapolated(state.last, state, ahead, i, a, kick, kicked, before)
-
-
-@inlined
-def _drift_in_still_box(axes, state, low, high, dt, early, ahead):
-    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    largest = 0.0
-    # unsigned, here and below, so that no index can count from the end
-    for i in range(np.uint64(low), np.uint64(high)):
-        kick = early * weight[i, 0]
-        square = 0.0
-        for a in range(len(axes)):
-            before = body[i, 4 + a]
-            kicked = before + kick * push[i, a]
-            half[i, a] = kicked
-            body[i, 4 + a] = extrapolated(state.last, state, ahead, i, a, kick, kicked, before)
-            body[i, a] += dt * kicked
-            square += kicked * kicked
-        _kick_spins(axes, state, i, early, ahead)
-        _clear(axes, state.spins, push, i)
-        # written so that a speed that is not a number is the largest
-        if not square <= largest:
-            largest = square
-    return dt * dt * largest
-
-
-@inlined
-def _drift_along_x(axes, state, low, high, shear_step, dt, early, ahead):
-    """Drift in a simple shear that carries x along y and leaves all else alone."""
-    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    largest = 0.0
-    for i in range(np.uint64(low), np.uint64(high)):
-        kick = early * weight[i, 0]
-        u, v = body[i, 4], body[i, 5]
-        p, q = u + kick * push[i, 0], v + kick * push[i, 1]
-        mx, my = dt * p, dt * q
-        body[i, 0] += shear_step * body[i, 1] + mx
-        body[i, 1] += my
-        half[i, 0] = p - shear_step * q
-        half[i, 1] = q
-        t = extrapolated(state.last, state, ahead, i, 1, kick, q, v)
-        body[i, 4] = extrapolated(state.last, state, ahead, i, 0, kick, p, u) - shear_step * t
-        body[i, 5] = t
-        square = mx * mx + my * my
-        if len(axes) == 3:
-            w = body[i, 6]
-            r = w + kick * push[i, 2]
-            mz = dt * r
-            body[i, 2] += mz
-            half[i, 2] = r
-            body[i, 6] = extrapolated(state.last, state, ahead, i, 2, kick, r, w)
-            square += mz * mz
-        _kick_spins(axes, state, i, early, ahead)
-        _clear(axes, state.spins, push, i)
-        # written so that a displacement that is not a number is the largest
-        if not square <= largest:
-            largest = square
-    return largest
-
-
-@device
-def _maps(flow, time, dt):
-    """Return what a step of the box does: to places, to peculiar velocities, and to displacements at half time."""
-    start = gamma_at(flow.profile, time)[0]
-    middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
-    end = gamma_at(flow.profile, time + dt)[0]
-    # all of these commute
-    map_between(flow, start, end, flow.step_dd)
-    places = entries(flow.step_dd)
-    map_between(flow, end, start, flow.step_dd)
-    speeds = entries(flow.step_dd)
-    map_between(flow, middle, start, flow.step_dd)
-    map_between(flow, middle, end, flow.back_dd)
-    for i in range(3):
-        x, y, z = flow.back_dd[i, 0], flow.back_dd[i, 1], flow.back_dd[i, 2]
-        for j in range(3):
-            flow.back_dd[i, j] = x * flow.step_dd[0, j] + y * flow.step_dd[1, j] + z * flow.step_dd[2, j]
-    return places, speeds, entries(flow.back_dd)
-
-
-@inlined
-def _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead):
-    d = len(axes)
-    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    g, b, h = _maps(flow, time, dt)
-    largest = 0.0
-    for i in range(np.uint64(low), np.uint64(high)):
-        kick = early * weight[i, 0]
-        x, y = body[i, 0], body[i, 1]
-        u, v = body[i, 4], body[i, 5]
-        p, q = u + kick * push[i, 0], v + kick * push[i, 1]
-        s = extrapolated(state.last, state, ahead, i, 0, kick, p, u)
-        t = extrapolated(state.last, state, ahead, i, 1, kick, q, v)
-        if d == 2:
-            mx = dt * (h[0][0] * p + h[0][1] * q)
-            my = dt * (h[1][0] * p + h[1][1] * q)
-            body[i, 0] = g[0][0] * x + g[0][1] * y + mx
-            body[i, 1] = g[1][0] * x + g[1][1] * y + my
-            half[i, 0] = b[0][0] * p + b[0][1] * q
-            half[i, 1] = b[1][0] * p + b[1][1] * q
-            body[i, 4] = b[0][0] * s + b[0][1] * t
-            body[i, 5] = b[1][0] * s + b[1][1] * t
-            square = mx * mx + my * my
-        else:
-            z, w = body[i, 2], body[i, 6]
-            r = w + kick * push[i, 2]
-            mx = dt * (h[0][0] * p + h[0][1] * q + h[0][2] * r)
-            my = dt * (h[1][0] * p + h[1][1] * q + h[1][2] * r)
-            mz = dt * (h[2][0] * p + h[2][1] * q + h[2][2] * r)
-            body[i, 0] = g[0][0] * x + g[0][1] * y + g[0][2] * z + mx
-            body[i, 1] = g[1][0] * x + g[1][1] * y + g[1][2] * z + my
-            body[i, 2] = g[2][0] * x + g[2][1] * y + g[2][2] * z + mz
-            o = extrapolated(state.last, state, ahead, i, 2, kick, r, w)
-            half[i, 0] = b[0][0] * p + b[0][1] * q + b[0][2] * r
-            half[i, 1] = b[1][0] * p + b[1][1] * q + b[1][2] * r
-            half[i, 2] = b[2][0] * p + b[2][1] * q + b[2][2] * r
-            body[i, 4] = b[0][0] * s + b[0][1] * t + b[0][2] * o
-            body[i, 5] = b[1][0] * s + b[1][1] * t + b[1][2] * o
-            body[i, 6] = b[2][0] * s + b[2][1] * t + b[2][2] * o
-            square = mx * mx + my * my + mz * mz
-        _kick_spins(axes, state, i, early, ahead)
-        _clear(axes, state.spins, push, i)
-        # written so that a displacement that is not a number is the largest
-        if not square <= largest:
-            largest = square
-    return largest
-
-
-@inlined
-def kick_and_drift(flow, axes, state, low, high, time, dt, early, ahead):
-    """Kick rows, take them to the end of the step and clear their forces; return the largest squared displacement.
-
-    `half` is left with the velocities and spins after the kick, the velocities of the rows are half + ahead (half -
-    velocities). The box's own share of displacements is not counted.
-    """
-    if flow is None:
-        return _drift_in_still_box(axes, state, low, high, dt, early, ahead)
-    if flow.number[ALONG_X] != 0.0:
-        shear = gamma_at(flow.profile, time + dt)[0] - gamma_at(flow.profile, time)[0]
-        return _drift_along_x(axes, state, low, high, shear * flow.direction_dd[0, 1], dt, early, ahead)
-    return _drift_in_any_flow(flow, axes, state, low, high, time, dt, early, ahead)
-
+from packmech.minimize.passes.pair_list import place_images
 
 TOO_FAST = NOT_FINITE
 # a loop that ended because its pair lists must be rebuilt, in the middle of a step
@@ -238,36 +62,233 @@ class State(NamedTuple):
     lead: Any
 
 
+class System(NamedTuple):
+    """All that moves: what acts, axes, arrays, links (None without), space, pair lists and their track.
+
+    axes is (0, 1) or (0, 1, 2).
+    """
+
+    acting: Acting
+    axes: Any
+    state: State
+    links: Any
+    space: Any
+    pairs: Any
+    track: Any
+
+
+class Rule(NamedTuple):
+    """How steps are taken: their time, velocity Verlet or else semi-implicit Euler, and how far nothing may move."""
+
+    dt: float
+    second_order: bool
+    reach: float
+
+
+class Span(NamedTuple):
+    """Which steps are taken: where the first of them starts, its number, and how many at most."""
+
+    start: int
+    first: int
+    steps: int
+
+
 @device
-def move_box(flow, frame, time):
-    """Set the box to its shape at a time."""
+def _clear(axes, spins, push, i):
+    for a in range(len(axes) + len(spins)):
+        push[i, a] = 0.0
+
+
+@device
+def clear_rows(axes, state, low, high):
+    """Set the forces on rows to zero."""
+    for i in range(low, high):
+        _clear(axes, state.spins, state.push, i)
+
+
+class Split(NamedTuple):
+    """How a step is split: a kick by forces for a time `early`, a drift for dt, and a kick for a time `late`.
+
+    The velocities that forces at its end see are extrapolated there: kicked ones, and `ahead` times the first kick.
+    """
+
+    dt: float
+    early: float
+    late: float
+    ahead: float
+
+
+@device
+def split_of(rule):
+    """Return how steps are split: velocity Verlet, or semi-implicit Euler, which kicks once."""
+    if rule.second_order:
+        return Split(rule.dt, 0.5 * rule.dt, 0.5 * rule.dt, 1.0)
+    return Split(rule.dt, rule.dt, 0.0, 0.0)
+
+
+@inlined
+def extrapolated(last, state, split, i, a, kick, kicked, before):
+    """Return what a velocity, kicked by a force from what it was before, is taken for at the end of the step."""
+    if last is None:
+        return kicked + split.ahead * (kicked - before)
+    force = state.push[i, a]
+    change = force - last[i, a]
+    last[i, a] = force
+    return kicked + split.ahead * (kicked - before) + kick * state.lead * change
+
+
+@inlined
+def _kick_spins(axes, state, i, split):
+    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
+    for k in range(len(state.spins)):
+        a = len(axes) + k
+        before = body[i, 4 + a]
+        kick = split.early * weight[i, 1]
+        kicked = before + kick * push[i, a]
+        half[i, a] = kicked
+        body[i, 4 + a] = extrapolated(state.last, state, split, i, a, kick, kicked, before)
+
+
+@inlined
+def _drift_along_x(axes, state, rows, shear_step, split):
+    """Drift in a simple shear that carries x along y by `shear_step`, 0 in a box at rest, and leaves all else alone."""
+    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
+    dt, largest = split.dt, 0.0
+    # unsigned, here and below, so that no index can count from the end
+    for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
+        kick = split.early * weight[i, 0]
+        u, v = body[i, 4], body[i, 5]
+        p, q = u + kick * push[i, 0], v + kick * push[i, 1]
+        mx, my = dt * p, dt * q
+        body[i, 0] += shear_step * body[i, 1] + mx
+        body[i, 1] += my
+        half[i, 0] = p - shear_step * q
+        half[i, 1] = q
+        t = extrapolated(state.last, state, split, i, 1, kick, q, v)
+        body[i, 4] = extrapolated(state.last, state, split, i, 0, kick, p, u) - shear_step * t
+        body[i, 5] = t
+        square = mx * mx + my * my
+        if len(axes) == 3:
+            w = body[i, 6]
+            r = w + kick * push[i, 2]
+            mz = dt * r
+            body[i, 2] += mz
+            half[i, 2] = r
+            body[i, 6] = extrapolated(state.last, state, split, i, 2, kick, r, w)
+            square += mz * mz
+        _kick_spins(axes, state, i, split)
+        _clear(axes, state.spins, push, i)
+        # written so that a displacement that is not a number is the largest
+        if not square <= largest:
+            largest = square
+    return largest
+
+
+@device
+def _maps(flow, time, dt):
+    """Return what a step of the box does: to places, to peculiar velocities, and to displacements at half time."""
+    start = gamma_at(flow.profile, time)[0]
+    middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
+    end = gamma_at(flow.profile, time + dt)[0]
+    # all of these commute
+    map_between(flow, start, end, flow.step_dd)
+    places = entries(flow.step_dd)
+    map_between(flow, end, start, flow.step_dd)
+    speeds = entries(flow.step_dd)
+    map_between(flow, middle, start, flow.step_dd)
+    map_between(flow, middle, end, flow.back_dd)
+    for i in range(3):
+        x, y, z = flow.back_dd[i, 0], flow.back_dd[i, 1], flow.back_dd[i, 2]
+        for j in range(3):
+            flow.back_dd[i, j] = x * flow.step_dd[0, j] + y * flow.step_dd[1, j] + z * flow.step_dd[2, j]
+    return places, speeds, entries(flow.back_dd)
+
+
+@inlined
+def _drift_in_any_flow(flow, axes, state, rows, time, split):
+    d, dt = len(axes), split.dt
+    body, push, half, weight = state.body, state.push, state.half, state.weight_nk
+    g, b, h = _maps(flow, time, dt)
+    largest = 0.0
+    for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
+        kick = split.early * weight[i, 0]
+        x, y = body[i, 0], body[i, 1]
+        u, v = body[i, 4], body[i, 5]
+        p, q = u + kick * push[i, 0], v + kick * push[i, 1]
+        s = extrapolated(state.last, state, split, i, 0, kick, p, u)
+        t = extrapolated(state.last, state, split, i, 1, kick, q, v)
+        if d == 2:
+            mx = dt * (h[0][0] * p + h[0][1] * q)
+            my = dt * (h[1][0] * p + h[1][1] * q)
+            body[i, 0] = g[0][0] * x + g[0][1] * y + mx
+            body[i, 1] = g[1][0] * x + g[1][1] * y + my
+            half[i, 0] = b[0][0] * p + b[0][1] * q
+            half[i, 1] = b[1][0] * p + b[1][1] * q
+            body[i, 4] = b[0][0] * s + b[0][1] * t
+            body[i, 5] = b[1][0] * s + b[1][1] * t
+            square = mx * mx + my * my
+        else:
+            z, w = body[i, 2], body[i, 6]
+            r = w + kick * push[i, 2]
+            mx = dt * (h[0][0] * p + h[0][1] * q + h[0][2] * r)
+            my = dt * (h[1][0] * p + h[1][1] * q + h[1][2] * r)
+            mz = dt * (h[2][0] * p + h[2][1] * q + h[2][2] * r)
+            body[i, 0] = g[0][0] * x + g[0][1] * y + g[0][2] * z + mx
+            body[i, 1] = g[1][0] * x + g[1][1] * y + g[1][2] * z + my
+            body[i, 2] = g[2][0] * x + g[2][1] * y + g[2][2] * z + mz
+            o = extrapolated(state.last, state, split, i, 2, kick, r, w)
+            half[i, 0] = b[0][0] * p + b[0][1] * q + b[0][2] * r
+            half[i, 1] = b[1][0] * p + b[1][1] * q + b[1][2] * r
+            half[i, 2] = b[2][0] * p + b[2][1] * q + b[2][2] * r
+            body[i, 4] = b[0][0] * s + b[0][1] * t + b[0][2] * o
+            body[i, 5] = b[1][0] * s + b[1][1] * t + b[1][2] * o
+            body[i, 6] = b[2][0] * s + b[2][1] * t + b[2][2] * o
+            square = mx * mx + my * my + mz * mz
+        _kick_spins(axes, state, i, split)
+        _clear(axes, state.spins, push, i)
+        # written so that a displacement that is not a number is the largest
+        if not square <= largest:
+            largest = square
+    return largest
+
+
+@inlined
+def kick_and_drift_rows(flow, axes, state, rows, time, split):
+    """Kick rows, take them to the end of the step and clear their forces; return the largest squared displacement.
+
+    `half` is left with the velocities and spins after the kick, the velocities of the rows are half + ahead (half -
+    velocities). The box's own share of displacements is not counted.
+    """
+    if flow is None:
+        return _drift_along_x(axes, state, rows, 0.0, split)
+    if flow.number[ALONG_X] != 0.0:
+        shear = gamma_at(flow.profile, time + split.dt)[0] - gamma_at(flow.profile, time)[0]
+        return _drift_along_x(axes, state, rows, shear * flow.direction_dd[0, 1], split)
+    return _drift_in_any_flow(flow, axes, state, rows, time, split)
+
+
+@device
+def move_box(flow, frame, pairs, time):
+    """Set the box to its shape at a time, and the images with it; nothing where nothing deforms."""
     if flow is not None:
         flow_to(flow, frame, time)
+        place_images(frame, pairs)
 
 
 @inlined
-def pairs_of_block(shapes, effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b):
-    """Add what touching pairs of a block's rows do, of discs and spheres or of shapes."""
-    if shapes is None:
-        contacts_of_block(effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b)
-    else:
-        shapes_of_block(shapes, effects, friction, rates, axes, body, push, pairs, stretch_pk, pace, b)
-
-
-@inlined
-def body_forces(shapes, bodies, axes, state, rates, low, high):
+def body_forces(shapes, bodies, axes, state, rates, rows):
     """Set push of rows, which is zero, to the forces on single particles; nothing where nothing acts on them."""
     if bodies is None:
         return
     d = len(axes)
     body, push, weight = state.body, state.push, state.weight_nk
     wx, wy, wz = turning(rates)
-    for i in range(np.uint64(low), np.uint64(high)):
+    for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
         fx = fy = fz = 0.0
         drag = 0.0
         tx = ty = tz = 0.0
         for one in literal_unroll(bodies):
-            x, y, z, turn_x, turn_y, turn_z = push_on_row(one, shapes, axes, body, i, state.mass_n[i])
+            x, y, z, turn_x, turn_y, turn_z = push_on_row(shapes, one, axes, body, i, state.mass_n[i])
             fx += x
             fy += y
             fz += z
@@ -291,11 +312,11 @@ def body_forces(shapes, bodies, axes, state, rates, low, high):
 
 
 @inlined
-def _finish_kick(axes, state, low, high, late):
+def _finish_kick(axes, state, rows, late):
     """Set velocities and spins to half, kicked by the forces."""
     d = len(axes)
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    for i in range(np.uint64(low), np.uint64(high)):
+    for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
         kick = late * weight[i, 0]
         for a in range(d):
             body[i, 4 + a] = half[i, a] + kick * push[i, a]
@@ -314,67 +335,123 @@ def project_velocities(thread, links, axes, body, half):
         wait(thread)
 
 
-@lean
-def take_steps(
-    acting, axes, state, links, space, pairs, track, ledger, thread, start, first, steps, dt, second_order, reach
-):
-    """Take up to `steps` steps from step number `first`; return how that ended and the steps taken.
+@device
+def kick_and_drift(system, thread, rows, time, rule, split):
+    """Kick the rows of this thread and take them to the end of a step that begins at a time; return how that ended.
 
-    Velocity Verlet if `second_order`, else semi-implicit Euler. `start` says where to begin.
+    The box and the images follow; where pair lists must be rebuilt, by `search`, nothing is lost: SEARCH.
     """
-    early = 0.5 * dt if second_order else dt
-    late = dt - early
-    ahead = 1.0 if second_order else 0.0
-    before = 0.5 * dt if second_order and start != FORCES else 0.0
-    after = 0.5 * dt if second_order else dt
-    pace = Pace(before, after)
-    row_b = pairs.row_b
-    low_b, high_b = share(thread, row_b.shape[0] - 1)
-    low, high = row_b[low_b], row_b[high_b]
-    stretch_pk = None if track is None else track.inner_pk
-    listed, contact = pairs.number, largest_contact(space.sizes)
-    body, push, lattice = state.body, state.push, space.frame.lattice_dd
+    axes, state, space, links, pairs = system.axes, system.state, system.space, system.links, system.pairs
+    lattice = space.frame.lattice_dd
+    square = kick_and_drift_rows(space.flow, axes, state, rows, time, split)
+    turn_shapes(system.acting.shapes, axes, state.half, rows[0], rows[1], rule.dt)
+    moved = math.sqrt(largest(thread, square))
+    status = RUNNING
+    if is_first(thread):
+        moved = rattle_positions(links, axes, state.body, state.half, lattice, rule.dt, split.ahead, moved)
+        if not moved < rule.reach:
+            status = TOO_FAST
+        else:
+            move_box(space.flow, space.frame, pairs, time + rule.dt)
+            if is_stale(space.flow, pairs.number, largest_contact(space.sizes), moved) and update_lists(
+                axes, state.body, space, pairs, system.track
+            ):
+                status = SEARCH
+    return broadcast(thread, status)
+
+
+@inlined
+def take_forces(system, thread, blocks, pace):
+    """Add the forces and torques of everything that acts to the cleared rows of this thread's blocks."""
+    acting, axes, state, space, pairs = system.acting, system.axes, system.state, system.space, system.pairs
+    laws, row_b, push = laws_of(system, pace), pairs.row_b, state.push
+    for b in range(blocks[0], blocks[1]):
+        body_forces(acting.shapes, acting.bodies, axes, state, laws.rates, (row_b[b], row_b[b + 1]))
+        contacts_of_block(acting.pairs, laws, push, pairs, b)
+        bonds_of_block(space.bonds, laws, push, space.frame.lattice_dd, b)
+    wait(thread)
+    for b in range(blocks[0], blocks[1]):
+        collect(axes, state.spins, pairs.slots, push, b)
+        collect_bonds(space.bonds, axes, state.spins, push, b)
+
+
+@lean
+def take_steps(system, ledger, thread, span, rule):
+    """Take up to `span.steps` steps; return how that ended and the steps taken.
+
+    A step drifts, takes the forces, and kicks. `span.start` says where to begin. With a `Ledger`, observables of the
+    steps that are due are written to it.
+    """
+    axes, state, links = system.axes, system.state, system.links
+    split = split_of(rule)
+    pace = Pace(split.late if span.start != FORCES else 0.0, rule.dt - split.late)
+    row_b = system.pairs.row_b
+    blocks = share(thread, row_b.shape[0] - 1)
+    rows = row_b[blocks[0]], row_b[blocks[1]]
+    start = span.start
     if start == FORCES:
-        clear_rows(axes, state, low, high)
-    for step in range(steps):
-        time = (first + step) * dt
+        clear_rows(axes, state, rows[0], rows[1])
+    for taken in range(span.steps):
+        step = span.first + taken
         if start == WHOLE_STEP:
-            square = kick_and_drift(space.flow, axes, state, low, high, time, dt, early, ahead)
-            turn_shapes(acting.shapes, axes, state, low, high, dt)
-            moved = math.sqrt(largest(thread, square))
-            status = RUNNING
-            if is_first(thread):
-                moved = rattle_positions(links, axes, body, state.half, lattice, dt, ahead, moved)
-                if not moved < reach:
-                    status = TOO_FAST
-                else:
-                    move_box(space.flow, space.frame, time + dt)
-                    deform_images(space.flow, lattice, pairs.image_kd, pairs.shift_kd)
-                    if is_stale(space.flow, listed, contact, moved) and update_lists(axes, body, space, pairs, track):
-                        status = SEARCH
-            status = broadcast(thread, status)
+            status = kick_and_drift(system, thread, rows, step * rule.dt, rule, split)
             if status != RUNNING:
-                return status, step
-        flowing = rates(space.flow)
-        for b in range(low_b, high_b):
-            body_forces(acting.shapes, acting.bodies, axes, state, flowing, row_b[b], row_b[b + 1])
-            pairs_of_block(
-                acting.shapes, acting.pairs, acting.friction, flowing, axes, body, push, pairs, stretch_pk, pace, b
-            )
-            bonds_of_block(space.bonds, flowing, axes, body, push, lattice, pace, b)
-        wait(thread)
-        for b in range(low_b, high_b):
-            collect(axes, state.spins, pairs.slots, push, b)
-            collect_bonds(space.bonds, axes, state.spins, push, b)
+                return status, taken
+        take_forces(system, thread, blocks, pace)
         if start == FORCES:
             return RUNNING, 0
-        _finish_kick(axes, state, low, high, late)
-        if second_order:
-            project_velocities(thread, links, axes, body, state.half)
+        _finish_kick(axes, state, rows, split.late)
+        if rule.second_order:
+            project_velocities(thread, links, axes, state.body, state.half)
         start = WHOLE_STEP
-        if is_due(ledger, first + step + 1):
+        if is_due(ledger, step + 1):
             wait(thread)
             if is_first(thread):
-                append_row(ledger, acting, axes, state, links, space, pairs, track, first + step + 1, dt, pace)
+                append_row(ledger, system, step + 1, pace, rule.dt)
             wait(thread)
-    return RUNNING, steps
+    return RUNNING, span.steps
+
+
+def run_steps(system: System, ledger: Any, threads: int, span: Span, rule: Rule) -> tuple[int, int]:
+    """Take steps as `take_steps` does, on so many threads; one thread in compiled code."""
+
+    def run(thread: ThreadRecord | None) -> tuple[int, int]:
+        own = system
+        if thread is not None and system.space.flow is not None:
+            # each thread has scratch arrays of its own
+            own = system._replace(space=system.space._replace(flow=with_scratch(system.space.flow)))
+        status, taken = take_steps(own, ledger, thread, span, rule)
+        return int(status), int(taken)
+
+    threads = min(threads, len(system.pairs.row_b) - 1)
+    return run(None) if threads == 1 else run_together(run, threads)
+
+
+@compiled_form(run_steps)
+def _choose_run_steps(system: Any, ledger: Any, threads: Any, span: Any, rule: Any) -> Any:
+    return lambda system, ledger, threads, span, rule: take_steps(system, ledger, None, span, rule)
+
+
+@device
+def advance(system: System, ledger: Any, threads: int, span: Span, rule: Rule) -> tuple[int, int, System]:
+    """Take up to `span.steps` whole steps, with new pair lists wherever these are stale.
+
+    Return how that ended, the steps taken, and the system with the lists that are valid then.
+    """
+    status, taken, start = RUNNING, 0, WHOLE_STEP
+    while taken < span.steps and status == RUNNING:
+        status, more = run_steps(system, ledger, threads, Span(start, span.first + taken, span.steps - taken), rule)
+        taken += more
+        start = WHOLE_STEP
+        if status == SEARCH:
+            system = with_new_lists(system)
+            status, start = RUNNING, REST_OF_STEP
+    return status, taken, system
+
+
+@device
+def with_new_lists(system: System) -> System:
+    """Return the system with pair lists rebuilt at its positions and strain."""
+    acting, axes, state, links, space, pairs, track = system
+    pairs, track = search(axes, state.body, space, pairs, track)
+    return System(acting, axes, state, links, space, pairs, track)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.wall_touches import WallTouches, wall_touches
 from packmech.effects.body import Gravity, Walls, body_energy, body_force, body_second
+from packmech.effects.friction import Friction
 from packmech.effects.held import FixedParticles
 from packmech.effects.pair import contact_terms
 from packmech.effects.repulsion import Repulsion
@@ -241,13 +242,13 @@ def total_push(terms: SingleTerms | ShapedTerms, held_n: NDArray[np.bool_] | Non
 def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
     """Refuse effects that would take shapes for discs or spheres.
 
-    Those are friction at rest, and walls of one's own; Walls themselves, potentials of the center, and particles that
+    Those are tangential forces and walls of one's own; Friction, Walls, potentials of the center, and particles that
     are held are known, but for calls that know effects of pairs alone.
 
     Parameters
     ----------
     scene
-        A scene whose packing has shapes.
+        The scene; one of discs or spheres has nothing that is unknown.
     single
         Whether the call knows effects on single particles.
 
@@ -258,11 +259,12 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
 
     """
     shapes = scene.packing.shapes
-    for k, one in enumerate(scene.effects):
+    for k, one in enumerate(scene.effects if shapes is not None else ()):
         kind = type(one)
         alone = hasattr(kind, "body_energy") or hasattr(one, "particles")
         own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)
-        if hasattr(kind, "tangential_force") or own_walls or (alone and not single):
+        own_friction = hasattr(kind, "tangential_force") and not isinstance(one, Friction)
+        if own_friction or own_walls or (alone and not single):
             raise ValueError(
                 f"scene.effects must hold no {kind.__qualname__} for {type(shapes).__name__}, which it would take for "
                 f"discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind.__qualname__})"
@@ -270,7 +272,7 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
 
 
 def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[tuple[int, Walls, float, WallTouches]]:
-    """Return what touches each wall of a packing with shapes: place of the effect, effect, side (1 below), touches."""
+    """Return what touches each wall: place of the effect among all, effect, side (1 below), touches."""
     place = None
     found = []
     for k, one in enumerate(effects):
@@ -283,7 +285,7 @@ def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[tuple[int, Wa
 
 
 def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
-    """Return what effects on single particles make of a packing with shapes: walls turn them, all else does not.
+    """Return what effects on single particles make of a packing: walls turn those with shapes, all else does not.
 
     Parameters
     ----------

@@ -103,11 +103,9 @@ def controlled(scene: Scene, control: str, friction: float | None) -> Scene:
             tangential_damping=bonds.tangential_damping,
         )
         effects = tuple(whole if isinstance(one, Bonds) else one for one in effects)
-    elif control == "uncrosslinked":
-        effects = tuple(one for one in effects if not isinstance(one, Bonds))
-    elif control == "frictionless":
-        effects = tuple(one for one in effects if not isinstance(one, Friction))
-    return scene.replace(effects=effects)
+    scene = scene.replace(effects=effects)
+    left_out = {"uncrosslinked": Bonds, "frictionless": Friction}.get(control)
+    return scene if left_out is None else scene.without(left_out)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance, integer_array
 from packmech.contacts.fused_volume import union_moments
-from packmech.contacts.shape_contacts import bead_positions
 from packmech.honors import honors
 from packmech.links import image_offsets
 from packmech.packing import Packing
@@ -170,6 +169,8 @@ def bead_packing(packing: Packing) -> Packing:
 
     """
     instance("packing", packing, Packing)
-    if not isinstance(packing.shapes, Beads):
-        raise ValueError(f"packing must be one of rigid bodies (pm.Beads), got {type(packing.shapes).__name__}")
-    return Packing(*bead_positions(packing), packing.box)
+    shapes = packing.shapes
+    if not isinstance(shapes, Beads):
+        raise ValueError(f"packing must be one of rigid bodies (pm.Beads), got {type(shapes).__name__}")
+    place = packing.position_nd[shapes.particle_b] + shapes.arms(packing.radius_n)
+    return Packing(place, shapes.bead_radius(packing.radius_n), packing.box)

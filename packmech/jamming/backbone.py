@@ -15,7 +15,7 @@ from packmech.jamming.certificates import Finding, attempts, closes_hardly, kept
 from packmech.jamming.contact_selection import backbone_of
 from packmech.jamming.motion_cone import MotionCone, motion_cone
 from packmech.jamming.programs import open_all
-from packmech.mechanics.rattling import moving_apart
+from packmech.measure.rattlers import moving_apart
 from packmech.packing import Packing
 from packmech.result import Outcome
 
@@ -217,7 +217,7 @@ def _held_together(packing: Packing, contacts: Contacts) -> Contacts:
     if not len(contacts):
         return contacts
     apart = moving_apart(packing, contacts)
-    return contacts.select(~apart[contacts.i_c] & ~apart[contacts.j_c])
+    return contacts.among(~apart)
 
 
 def standing_contacts(cone: MotionCone, network: Contacts, finding: Finding) -> Contacts | None:
@@ -229,7 +229,7 @@ def standing_contacts(cone: MotionCone, network: Contacts, finding: Finding) -> 
     grain = 1e-3 * max(float(np.abs(displacement).max()), 1e-300)
     stays = np.zeros(network.particles, dtype=bool)
     stays[cone.kept_n] = _largest_group(displacement / grain)
-    return network.select(stays[network.i_c] & stays[network.j_c])
+    return network.among(stays)
 
 
 def _largest_group(place_nd: NDArray[np.float64]) -> NDArray[np.bool_]:

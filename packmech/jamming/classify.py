@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from packmech.check import BoxStrain, instance, integer, one_of, real
 from packmech.contacts import Contacts
-from packmech.contacts.rattlers import check_given
+from packmech.contacts.given import check_given
 from packmech.honors import honors
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
 from packmech.jamming.certificates import Finding, certify, yield_to_loads
@@ -34,7 +34,7 @@ from packmech.jamming.programs import SOLVERS
 from packmech.jamming.shaped import classify_shaped
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict, unjamming_motion
 from packmech.jit.blas import single_thread
-from packmech.measure.counting import without
+from packmech.measure.rattlers import without
 from packmech.mechanics.hessian import is_stable
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.scene import Scene
@@ -442,7 +442,7 @@ def _forces(weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float6
 
 
 def _tensions(cone: MotionCone, weight: NDArray[np.float64] | None, count: int) -> NDArray[np.float64] | None:
-    if weight is None or cone.links is None:
+    if weight is None or not cone.links.share.shape[1]:
         return None
     # a contact's weight pushes
     tension: NDArray[np.float64] = -(cone.links.share.T @ weight[count : count + cone.link_rows])

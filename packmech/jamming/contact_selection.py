@@ -13,7 +13,7 @@ from packmech.constraints.motion_rules import link_rules
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion, contact_terms
-from packmech.measure.counting import rattling_particles
+from packmech.measure.rattlers import rattling_particles
 from packmech.measure.stress import sum_forces
 from packmech.packing import Packing
 
@@ -91,8 +91,7 @@ class ContactSelection:
 
 def backbone_contacts(contacts: Contacts) -> Contacts:
     """Return the contacts between particles that do not rattle."""
-    rattling = rattlers_of(contacts)
-    return contacts.select(~rattling[contacts.i_c] & ~rattling[contacts.j_c])
+    return contacts.among(~rattlers_of(contacts))
 
 
 def backbone_of(packing: Packing, contacts: Contacts) -> tuple[Contacts, NDArray[np.int64]]:
@@ -108,11 +107,8 @@ def backbone_of(packing: Packing, contacts: Contacts) -> tuple[Contacts, NDArray
         Its contacts, those of rattlers included.
 
     """
-    if packing.links is None:
-        network = backbone_contacts(contacts)
-        return network, np.unique(np.concatenate([network.i_c, network.j_c]))
     rattling = rattling_particles(packing, contacts)
-    return contacts.select(~rattling[contacts.i_c] & ~rattling[contacts.j_c]), np.flatnonzero(~rattling)
+    return contacts.among(~rattling), np.flatnonzero(~rattling)
 
 
 def select_contacts(packing: Packing, gap_tolerance: float | None) -> ContactSelection:
@@ -145,7 +141,7 @@ def select_contacts(packing: Packing, gap_tolerance: float | None) -> ContactSel
             network, kept = backbone_of(packing, widest.select(gap <= step))
             particles = len(kept)
             fewest = d * particles - d + 1
-            if packing.links is not None and particles:
+            if particles:
                 fewest -= link_rules(packing, kept).position.shape[0]
             levels.append(GapLevel(step, len(network), particles, len(network) - fewest))
         if step == tolerance:
@@ -214,7 +210,7 @@ def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance
     # diverging laws give infinite forces at coincident centers: the residual is no number then, and nothing is at rest
     with np.errstate(invalid="ignore", over="ignore"):
         net = sum_forces(contacts, -terms.first_c)
-        if packing.links is not None and np.isfinite(net).all():
+        if np.isfinite(net).all():
             links = ConstraintFactor(packing)
             # the multipliers balance minus the forces
             net = net - (links.gradient_lx.T @ links.multipliers(-net.ravel())).reshape(net.shape)

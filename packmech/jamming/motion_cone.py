@@ -64,7 +64,7 @@ class MotionCone:
     strain_scale
         Length that a unit strain counts as [length]; 0 when the box is fixed.
     links
-        What rigid links ask of the motions, their rows first among the held ones; None without links.
+        What rigid links ask of the motions, their rows first among the held ones.
     wider
         The cone of the same particles and contacts with strains, if this one has none of them and it is at hand: its
         factorization serves both.
@@ -83,7 +83,7 @@ class MotionCone:
     kept_n: NDArray[np.int64]
     dimension: int
     strain_scale: float
-    links: LinkRules | None = None
+    links: LinkRules
     wider: MotionCone | None = None
     slack: float = 0.0
     gap_c: NDArray[np.float64] | None = None
@@ -106,7 +106,7 @@ class MotionCone:
     @property
     def link_rows(self) -> int:
         """Number of independent rows of rigid links on displacements."""
-        return 0 if self.links is None else int(self.links.position.shape[0])
+        return int(self.links.position.shape[0])
 
     @functools.cached_property
     def rows(self) -> sp.csr_array:
@@ -135,7 +135,7 @@ class MotionCone:
 
     @functools.cached_property
     def _keeper(self) -> RuleKeeper | None:
-        if self.links is None:
+        if not self.link_rows and not len(self.links.stiff):
             return None
         moving = len(self.kept_n) * self.dimension
         strain = self.links.strain / self.strain_scale if self.strain_scale else self.links.strain[:, :0]
@@ -357,34 +357,29 @@ def motion_cone(
     matrix = rigidity_matrix(packing, "none" if strain == "none" else "free", contacts=contacts)
     moving = (kept[:, None] * d + np.arange(d)).ravel()
     position = matrix[:, moving]
-    rules = None if packing.links is None else link_rules(packing, kept)
+    rules = link_rules(packing, kept)
     extent = float(np.abs(packing.position_nd).max())
     gap = contacts.gap_c / contacts.contact_distance_c
     slack = float(np.abs(gap).max(initial=0.0))
     slack += float(np.spacing(extent)) / packing.reference_diameter
     if strain == "none":
         none = sp.csr_array((0, len(moving)))
-        linked = none if rules is None else rules.position
-        return MotionCone(position, linked, none, kept, d, 0.0, rules, slack=slack, gap_c=gap)
+        return MotionCone(position, rules.position, none, kept, d, 0.0, rules, slack=slack, gap_c=gap)
     scale = float(packing.box.volume ** (1.0 / d))
     opening = sp.csr_array(sp.hstack([position, matrix[:, packing.particles * d :] / scale], format="csr"))
     row = np.concatenate([np.zeros(len(moving)), -trace_vector(d) / np.sqrt(d)])
     grow, none = sp.csr_array(row[None, :]), sp.csr_array((0, len(row)))
     held, one_sided = (grow, none) if strain == "isochoric" else (none, grow)
-    if rules is not None:
-        linked = sp.hstack([rules.position, sp.csr_array(rules.strain / scale)])
-        # a volume that the links hold by themselves needs no rule
-        outside = row[len(moving) :] - rules.stiff.T @ (rules.stiff @ row[len(moving) :])
-        if outside @ outside < _HELD**2:
-            held = one_sided = none
-        stiff = sp.hstack([sp.csr_array((len(rules.stiff), len(moving))), sp.csr_array(rules.stiff)])
-        held = sp.csr_array(sp.vstack([linked, stiff, held], format="csr"))
+    linked = sp.hstack([rules.position, sp.csr_array(rules.strain / scale)])
+    # a volume that the links hold by themselves needs no rule
+    outside = row[len(moving) :] - rules.stiff.T @ (rules.stiff @ row[len(moving) :])
+    if outside @ outside < _HELD**2:
+        held = one_sided = none
+    stiff = sp.hstack([sp.csr_array((len(rules.stiff), len(moving))), sp.csr_array(rules.stiff)])
+    held = sp.csr_array(sp.vstack([linked, stiff, held], format="csr"))
     return MotionCone(opening, held, one_sided, kept, d, scale, rules, slack=slack, gap_c=gap)
 
 
 def _touched(packing: Packing, contacts: Contacts) -> NDArray[np.int64]:
-    touched = np.unique(np.concatenate([contacts.i_c, contacts.j_c]))
-    if packing.links is None:
-        return touched
-    cluster = packing.links.clusters(packing.particles)
-    return np.flatnonzero(np.isin(cluster, cluster[touched]))
+    cluster = packing.cluster_n
+    return np.flatnonzero(np.isin(cluster, cluster[np.concatenate([contacts.i_c, contacts.j_c])]))

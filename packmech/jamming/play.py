@@ -17,6 +17,7 @@ from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import pair_contacts
+from packmech.contacts.pairs import pair_names
 from packmech.effects import Repulsion
 from packmech.honors import honors
 from packmech.jamming.contact_selection import ContactSelection, select_contacts
@@ -25,7 +26,8 @@ from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 from packmech.linalg.linear_programs import LinearProgram, solve_clarabel
 from packmech.linalg.mandel import mandel_tensor, mandel_vector, strain_components, trace_vector
-from packmech.measure.counting import packing_fraction, rattling_particles
+from packmech.measure.counting import packing_fraction
+from packmech.measure.rattlers import rattling_particles
 from packmech.measure.stress import energy
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing, no_own_images
@@ -123,7 +125,7 @@ class Rules:
         """Return the (C,) distances below which pairs are not to come [length]."""
         floor = contacts.contact_distance_c.copy()
         if self.floor:
-            for c, pair in enumerate(pairs_of(contacts)):
+            for c, pair in enumerate(pair_names(contacts)):
                 floor[c] = self.floor.get(pair, floor[c])
         return floor
 
@@ -155,13 +157,7 @@ class Rules:
                 factor = (aim / packing.box.volume) ** (1.0 / packing.dimension)
                 box = Box(factor * packing.box.lattice_dd)
                 packing = packing.replace(position_nd=factor * packing.position_nd, box=box)
-        return packing if packing.links is None else reaffix_links(packing, check=False).packing
-
-
-def pairs_of(contacts: Contacts) -> list[tuple[int, ...]]:
-    """Return each pair as (i, j, image)."""
-    table = np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd])
-    return [tuple(row) for row in table.tolist()]
+        return reaffix_links(packing, check=False).packing
 
 
 def advance(
@@ -186,7 +182,7 @@ def advance(
     target = direction.times(step)
     ahead = rules.mended(target.apply(packing), volume)
     free = rules.kept(ahead)
-    if free and packing.links is None:
+    if free and not len(packing.rigid_links):
         return ahead, direction.ahead(step), step
     reach = target.size(scale)
     wanted = target if free else rules.still(nearest(packing, target, rules, reach))
@@ -228,7 +224,7 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     near = find_contacts(packing, gap_tolerance=4.0 * reach * (1.0 / smallest + 1.0 / rules.scale))
     links = link_pairs(packing)
     room_c = near.distance_c - rules.floor_c(near)
-    wrong_l = np.zeros(0) if packing.links is None else packing.links.length_l - links.distance_c
+    wrong_l = packing.rigid_links.length_l - links.distance_c
     # numbers of order one for the solver: lengths in units of the step, or of the errors to be mended
     unit = max(target.size(rules.scale), float(np.abs(wrong_l).max(initial=0.0)), float(-room_c.min(initial=0.0)))
 
@@ -470,7 +466,7 @@ def play_motion(
         packing.box.volume,
         scale,
         overlap_tolerance,
-        dict(zip(pairs_of(overlapping), overlapping.distance_c.tolist(), strict=True)),
+        dict(zip(pair_names(overlapping), overlapping.distance_c.tolist(), strict=True)),
         box_moves=bool(direction.strain_dd.any()),
         backbone_n=backbone,
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import Candidates, Contacts
-from packmech.contacts.pairs import list_pairs, measure_pairs, search_pairs
+from packmech.contacts.pairs import measure_pairs, search_pairs
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.jamming.hard_packing import clusters
 from packmech.linalg.linear_programs import LinearProgram, solve_highs
@@ -87,7 +87,7 @@ def _within_reach(packing: Packing, member_n: NDArray[np.bool_], trust: float) -
         way += math.sqrt(d) * float((turn * shapes.reach(packing.radius_n)).max())
     skin, scale = 2.0 * way * trust, 1.0 + _ROOM
     pairs = search_pairs(packing, scale, skin)
-    owner = shapes.particle_b if isinstance(shapes, Beads) else np.arange(packing.particles)
+    owner = packing.bodies.particle_b
     keep = member_n[owner[pairs.i_c]] | member_n[owner[pairs.j_c]]
     return measure_pairs(packing, Candidates(*(part[keep] for part in pairs)))
 
@@ -116,9 +116,9 @@ def _apart(packing: Packing, member_n: NDArray[np.bool_]) -> tuple[Packing, list
         np.minimum.at(trust_g, group_n[member_n], trust_n[member_n])
         u_nq, push_c = _outwards(packing, here, group_n, group_c, trust_g)
         room_g = _smallest(here, group_c, len(names))
-        reached_g = _smallest(measure_pairs(displaced(packing, u_nq), list_pairs(here)), group_c, len(names))
+        reached_g = _smallest(measure_pairs(packing.moved(u_nq), here.pairs), group_c, len(names))
         better_g = reached_g > room_g + 1e-15
-        packing = displaced(packing, u_nq * better_g[group_n][:, None])
+        packing = packing.moved(u_nq * better_g[group_n][:, None])
         way_g = np.zeros(len(names))
         np.maximum.at(way_g, group_n[member_n], np.abs(u_nq[member_n]).max(axis=1))
         stuck_g = ~better_g
@@ -127,7 +127,7 @@ def _apart(packing: Packing, member_n: NDArray[np.bool_]) -> tuple[Packing, list
             stuck_g &= (trust_g < _STRAIGHT) | (way_g == 0.0)
         done_g = stuck_g | (better_g & ((reached_g > _ROOM) | (reached_g - room_g < 1e-14))) | (left == 1)
         for g in np.flatnonzero(done_g):
-            limits = list_pairs(here.select((group_c == g) & push_c))
+            limits = here.select((group_c == g) & push_c).pairs
             found.append((float(max(reached_g[g], room_g[g])), limits))
         trust_g = np.where(better_g, np.minimum(trust_g, np.maximum(3.0 * way_g, 1e-6)), 0.25 * trust_g)
         trust_n[member_n] = trust_g[group_n[member_n]]
@@ -157,7 +157,7 @@ def _outwards(
     """
     member_n, groups = group_n >= 0, len(trust_g)
     q = packing.dimension + packing.turn_nkt.shape[1]
-    slopes = distance_rows(here, packing.turn_nkt)[:, np.repeat(member_n, q)]
+    slopes = distance_rows(here)[:, np.repeat(member_n, q)]
     count = int(member_n.sum())
     rooms = sp.csr_array((here.contact_distance_c, (np.arange(len(here)), group_c)), shape=(len(here), groups))
     below = sp.csr_array(sp.hstack([-slopes, rooms]))
@@ -174,13 +174,3 @@ def _outwards(
         return u_nq, np.zeros(len(here), dtype=bool)
     u_nq[member_n] = solution.x[: count * q].reshape(count, q)
     return u_nq, np.asarray(solution.below_multiplier > 1e-6 * float(solution.below_multiplier.max(initial=1e-300)))
-
-
-def displaced(packing: Packing, u_nq: NDArray[np.float64]) -> Packing:
-    """Return the packing after displacements, and turns measured in lengths where it has shapes."""
-    d, shapes = packing.dimension, packing.shapes
-    moved = packing.replace(position_nd=packing.position_nd + u_nq[:, :d])
-    if shapes is None:
-        return moved
-    turned = np.einsum("nk,nkt->nt", u_nq[:, d:], packing.turn_nkt)
-    return moved.replace(shapes=shapes.turned(turned))

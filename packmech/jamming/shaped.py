@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import BoxStrain
+from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects import Harmonic, Repulsion, contact_terms
 from packmech.jamming.backbone import EMPTY
 from packmech.jamming.contact_selection import ContactSelection, GapLevel, RestCheck
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
-from packmech.measure.stress import force_balance
+from packmech.measure.contact_forces import force_balance
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.quartic import quartic_modes
 from packmech.mechanics.self_stress import states_of_self_stress
@@ -94,7 +95,7 @@ def _answer(scene: Scene, network: Network, strain: BoxStrain, rest: RestCheck, 
         return Answer(NOT_JAMMED, EMPTY, False, 0, 0, 0)
     states = states_of_self_stress(network.packing, strain, contacts=network.contacts, basis_limit=1e9)
     floppy = states.motions - states.trivial - states.rank
-    force = _balanced(states.force_ck, network.shape_contacts, scene, rest)
+    force = _balanced(states.force_ck, network.contacts, scene, rest)
     first: bool | None = force is not None and floppy == 0
     if not states.certain:
         first = None
@@ -145,7 +146,7 @@ def _answer(scene: Scene, network: Network, strain: BoxStrain, rest: RestCheck, 
 
 
 def _balanced(
-    force_ck: NDArray[np.float64] | None, contacts: ShapeContacts, scene: Scene, rest: RestCheck
+    force_ck: NDArray[np.float64] | None, contacts: Contacts | ShapeContacts, scene: Scene, rest: RestCheck
 ) -> NDArray[np.float64] | None:
     """Return positive contact forces of mean 1 in balance, the only ones or those of the law; None without."""
     if force_ck is None or not force_ck.shape[1]:

@@ -276,8 +276,6 @@ class UnjammingMotion:
         change = np.eye(packing.dimension) + amplitude * self.strain_dd
         position = (packing.position_nd + amplitude * self.displacement_nd) @ change.T
         moved = packing.replace(position_nd=position, box=packing.box.strained(amplitude * self.strain_dd))
-        if moved.links is None:
-            return moved
         return reaffix_links(moved).packing
 
 
@@ -293,8 +291,7 @@ def unjamming_motion(packing: Packing, cone: MotionCone, motion: NDArray[np.floa
     strain = np.zeros(strain_components(d))
     if cone.strain_scale:
         strain = motion[moving:] / cone.strain_scale
-    if packing.links is not None:
-        follow_links(packing, cone.kept_n, displacement, strain)
+    follow_links(packing, cone.kept_n, displacement, strain)
     size = max(np.sqrt((displacement**2).sum(axis=1)).max(), cone.strain_scale * np.abs(strain).max())
     factor = packing.reference_diameter / size if size > 0 else 0.0
     stretch = factor * (cone.opening @ motion)

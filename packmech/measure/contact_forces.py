@@ -1,24 +1,37 @@
-"""Forces and torques of contacts with friction, for a packing at rest: what slides, what is held, and who rattles."""
+"""Forces and torques of contacts at rest, friction included: what slides, what is held, and who rattles."""
 
 from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance
-from packmech.contacts import Contacts, find_contacts
+from packmech.constraints.factor import ConstraintFactor
+from packmech.contacts import Contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
-from packmech.contacts.friction_cones import FrictionCones
-from packmech.effects import Bonds, contact_terms, held_particles, single_terms, total_push
-from packmech.honors import honors
-from packmech.measure.friction import friction_of, sum_both, sum_tangential, tangential_forces
-from packmech.measure.shaped import shape_forces
-from packmech.measure.stress import force_balance, sum_forces
-from packmech.measure.walls import rattlers_of_scene
+from packmech.contacts.rattlers import rough_ends_of
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.effects import (
+    Bonds,
+    ShapedTerms,
+    acts_on_single,
+    contact_terms,
+    held_particles,
+    refuse_unknown_to_shapes,
+    shaped_terms,
+    single_terms,
+    total_push,
+)
+from packmech.effects.single import SingleTerms
+from packmech.honors import STRAINED, honors
+from packmech.jit.blas import single_thread
+from packmech.measure.bonds import BondedPairs, bonded_pairs, unbonded
+from packmech.measure.friction import friction_of, sum_both, tangential_forces
+from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force
@@ -34,18 +47,21 @@ class ContactForces:
     scene
         The scene.
     contacts
-        The touching pairs.
+        The touching pairs; of rigid bodies those of their beads.
     normal_c
         (C,) normal forces, positive for repulsion [force].
     tangential_cd
         (C, d) tangential forces on particle i [force].
+    bonded
+        Bonds, which act between centers; None without.
 
     """
 
     scene: Scene
-    contacts: Contacts
+    contacts: Contacts | ShapeContacts
     normal_c: NDArray[np.float64]
     tangential_cd: NDArray[np.float64]
+    bonded: BondedPairs | None = None
 
     @functools.cached_property
     def limit(self) -> CoulombLimit:
@@ -67,25 +83,40 @@ class ContactForces:
         return np.asarray(self.tangential_cd - self.normal_c[:, None] * self.contacts.normal_cd)
 
     @functools.cached_property
+    def _pushes(self) -> SinglePush:
+        """What acts on single particles."""
+        return single_push(self.scene)
+
+    @functools.cached_property
     def force_nd(self) -> NDArray[np.float64]:
-        """The (N, d) net forces, weights and pushes of walls included, none on what is held [force]."""
-        net = sum_forces(self.contacts, self.normal_c) + sum_tangential(self.contacts, self.tangential_cd)
-        return self._free(net + single_terms(self.scene.effects, self.scene.packing).force_nd)
+        """The (N, d) net forces, weights and pushes of walls included, none on what is held [force].
+
+        What rigid links add to them is not counted.
+        """
+        force = self.force_cd
+        net = sum_both(self.contacts, force, -force) + self._pushes.force_nd
+        return self._free(net if self.bonded is None else net + self.bonded.forces())
 
     @functools.cached_property
     def torque_nk(self) -> NDArray[np.float64]:
         """The (N, 1) net torques in the plane, (N, 3) in space, about each center, none on what is held.
 
-        In [force * length]. Arms are the particles' shares of the distance, r_i d / (r_i + r_j), as in `Friction`.
+        In [force * length]. Forces act at the points of contact: for discs and spheres, and beads, at their shares of
+        the distance, r_i d / (r_i + r_j), as in `Friction`.
         """
-        return self._free(sum_both(self.contacts, *self.torque_ck))
+        return self._free(sum_both(self.contacts, *self.torque_ck) + self._pushes.torque_nk)
 
     @property
     def torque_ck(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The (C, 1 or 3) torques on particle i and on particle j [force * length]."""
-        moment = _cross(self.contacts.normal_cd, self.tangential_cd)
-        arm_i, arm_j = self._arms()
-        return arm_i[:, None] * moment, arm_j[:, None] * moment
+        contacts, d = self.contacts, self.contacts.dimension
+        point = contacts.points(self.scene.packing.radius_n)
+        on_i, on_j = (_cross(arm, self.tangential_cd) for arm in (point, contacts.vector_cd - point))
+        k = on_i.shape[1]
+        if contacts.slope_cx.shape[1] > d:
+            turning = (self.normal_c / contacts.push_c)[:, None] * contacts.slope_cx[:, d:]
+            on_i, on_j = on_i + turning[:, :k], on_j + turning[:, k:]
+        return on_i, on_j
 
     def _free(self, sum_nk: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums over contacts, zero for particles that are held."""
@@ -95,31 +126,75 @@ class ContactForces:
         return sum_nk
 
     @functools.cached_property
+    def _links(self) -> tuple[ConstraintFactor, NDArray[np.float64]]:
+        """The rigid links, and their (L,) tensions [force]."""
+        effects, packing = self.scene.effects, self.scene.packing
+        held = held_particles(effects, packing.particles)
+        with single_thread():
+            links = ConstraintFactor(packing)
+            return links, links.multipliers(-self.force_nd, None if held is None else ~held)
+
+    @property
+    def tension_l(self) -> NDArray[np.float64]:
+        """The (L,) forces in the rigid links, as `link_tension` gives them [force]."""
+        return np.zeros(0) if self.scene.packing.links is None else self._links[1]
+
+    @property
+    def mean_force(self) -> float:
+        """Mean force of contacts, and of pushes on single particles that are free [force]; 0 where nothing acts."""
+        held = held_particles(self.scene.effects, self.scene.packing.particles)
+        push, pushes = total_push(self._pushes.terms, held)
+        size, count = float(np.abs(self.normal_c).sum()) + push, len(self.contacts) + pushes
+        if self.bonded is not None:
+            size, count = size + float(np.abs(self.bonded.terms.first_c).sum()), count + len(self.bonded.pairs)
+        return size / count if count else 0.0
+
+    @functools.cached_property
     def residual(self) -> float:
         """Largest net force, or net torque over the radius, over the mean normal force [1]; 0 where nothing is pushed.
 
         Forces on single particles count in the mean: weights, and pushes of walls.
         """
-        packing, effects = self.scene.packing, self.scene.effects
-        push, pushes = total_push(single_terms(effects, packing), held_particles(effects, packing.particles))
-        size = float(np.abs(self.normal_c).sum()) + push
-        if not size:
-            return 0.0
-        mean = size / (len(self.contacts) + pushes)
-        return self.largest_imbalance / mean
+        mean = self.mean_force
+        return self.largest_imbalance / mean if mean > 0.0 else 0.0
+
+    @functools.cached_property
+    def largest_imbalance(self) -> float:
+        """Largest net force that links do not bear, or net torque over the radius [force].
+
+        Without friction discs and spheres feel no torque, and those on others count over their radii of gyration.
+        """
+        packing, force = self.scene.packing, self.force_nd
+        if packing.links is not None:
+            links, tension = self._links
+            pull = links.pairs.normal_cd * tension[:, None]
+            force = self._free(force + sum_both(links.pairs, pull, -pull))
+        turning = np.einsum("nkt,nt->nk", packing.turn_nkt, self.torque_nk[:, : packing.turn_nkt.shape[2]])
+        if friction_of(self.scene) is not None:
+            turning = self.torque_nk / packing.radius_n[:, None]
+        return float(np.sqrt(max((one**2).sum(axis=1).max() for one in (force, turning))))
 
     @property
-    def largest_imbalance(self) -> float:
-        """Largest net force, or net torque over the radius [force]."""
-        force = np.sqrt((self.force_nd**2).sum(axis=1)).max()
-        torque = (np.sqrt((self.torque_nk**2).sum(axis=1)) / self.scene.packing.radius_n).max()
-        return float(max(force, torque))
+    def contact_stress_dd(self) -> NDArray[np.float64]:
+        """The (d, d) stress that contacts and bonds bear [energy/length^d], tension positive, row = force component."""
+        virial = np.asarray(self.force_cd.T @ self.contacts.vector_cd)
+        if self.bonded is not None:
+            virial = virial + self.bonded.virial()
+        return virial / self.scene.packing.box.volume
+
+    @property
+    def link_stress_dd(self) -> NDArray[np.float64]:
+        """The (d, d) stress that rigid links bear [energy/length^d]."""
+        d = self.contacts.dimension
+        if self.scene.packing.links is None:
+            return np.zeros((d, d))
+        links, tension = self._links
+        return contact_stress(links.pairs, tension, self.scene.packing.box.volume)
 
     @property
     def stress_dd(self) -> NDArray[np.float64]:
-        """The (d, d) stress [energy/length^d], tension positive, row = force component."""
-        vector = self.contacts.normal_cd * self.contacts.distance_c[:, None]
-        return np.asarray(self.force_cd.T @ vector) / self.scene.packing.box.volume
+        """The (d, d) stress of contacts and links [energy/length^d], tension positive, row = force component."""
+        return self.contact_stress_dd + self.link_stress_dd
 
     @property
     def pressure(self) -> float:
@@ -142,13 +217,14 @@ class ContactForces:
         cannot balance force and torque by any forces within the friction cones. Two contacts suffice where the chord
         between them lies in both cones; so held, a sphere can still spin about it (`spinning_n`). Without friction it
         is the rule of `find_rattlers`, for the force-bearing contacts. Particles that are held never rattle; those with
-        a weight do where they touch nothing.
+        a weight do where they touch nothing, linked ones where nothing touches their cluster.
         """
-        bearing, mu = self.contacts.select(self.bearing_c), _coefficient(self.scene)
-        cones = None
+        packing, mu = self.scene.packing, _coefficient(self.scene)
+        bearing, rough = self.contacts.select(self.bearing_c), None
         if mu > 0.0:
-            cones = FrictionCones(mu, bearing.distance_c / bearing.contact_distance_c)
-        return rattlers_of_scene(self.scene.packing, bearing, self.scene.effects, cones)
+            point = bearing.points(packing.radius_n)
+            rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk)
+        return rattlers_among(packing, bearing, self.scene.effects, rough=rough, friction=mu)
 
     @property
     def spinning_n(self) -> NDArray[np.bool_]:
@@ -182,13 +258,16 @@ class ContactForces:
         """Least coordination number that can balance forces and torques, (d + 1) + 2 n_m / d, none held [1].
 
         Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75, 010301 (2007); n_m is the number of contacts at the
-        limit per particle, which tends to 1 in the plane and to 3 in space as friction vanishes: then it is 2 d, as
-        without friction, where torques need no balance.
+        limit per particle, which for discs and spheres tends to 1 in the plane and to 3 in space as friction vanishes:
+        then it is 2 d, as without friction, where their torques need no balance. Every link bears one force, too.
         """
-        d = self.contacts.dimension
+        d, held = self.contacts.dimension, ~self.rattlers_n
+        links, count = self.scene.packing.links, max(int(held.sum()), 1)
+        linked = 0 if links is None else int((held[links.i_l] & held[links.j_l]).sum())
         if not _coefficient(self.scene) > 0.0:
-            return 2.0 * d
-        return (d + 1) + 2.0 * self.at_limit_per_particle / d
+            turns = int((self.scene.packing.turn_nkt[held] != 0.0).any(axis=2).sum())
+            return 2.0 * (d + (turns - linked) / count)
+        return (d + 1) + 2.0 * (self.at_limit_per_particle - linked / count) / d
 
     def to_dict(self) -> dict[str, Any]:
         """Return the counts by name, as plain values."""
@@ -208,11 +287,6 @@ class ContactForces:
         rattling = self.rattlers_n
         return np.asarray(self.bearing_c & ~(rattling[self.contacts.i_c] | rattling[self.contacts.j_c]))
 
-    def _arms(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        contacts, radius = self.contacts, self.scene.packing.radius_n
-        share = contacts.distance_c / contacts.contact_distance_c
-        return radius[contacts.i_c] * share, radius[contacts.j_c] * share
-
 
 def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (C, 1 or 3) cross products of (C, d) vectors."""
@@ -226,7 +300,7 @@ def _coefficient(scene: Scene) -> float:
     return 0.0 if friction is None else friction.coefficient
 
 
-@honors("repulsion friction gravity walls held", at_rest=True, shaped="pm.forces or pm.find_shape_contacts")
+@honors("repulsion friction gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
@@ -238,7 +312,7 @@ def contact_forces(scene: Scene) -> ContactForces:
     Parameters
     ----------
     scene
-        The scene, without links.
+        The scene.
 
     Raises
     ------
@@ -258,11 +332,41 @@ def contact_forces(scene: Scene) -> ContactForces:
 
     """
     instance("scene", scene, Scene)
-    packing = scene.packing
-    contacts = find_contacts(packing, gap_tolerance=0.0)
-    first = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
-    found = tangential_forces(scene, contacts, -first)
-    return ContactForces(scene, contacts, -first, found.force_cd)
+    return resting_forces(scene)
+
+
+def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
+    """Return the forces of all touching pairs of a scene, whatever else it holds (`contact_forces`).
+
+    `second` asks for the curvatures of their distances, too.
+    """
+    instance("scene", scene, Scene)
+    if scene.packing.shapes is not None:
+        refuse_unknown_to_shapes(scene)
+    contacts = unbonded(touching_pairs(scene.packing, second=second), scene.effects)
+    terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+    # 0 - u', so that a contact without a force has 0 and not -0
+    normal = 0.0 - terms.first_c * contacts.push_c
+    across = tangential_forces(scene, contacts, normal).force_cd
+    return ContactForces(scene, contacts, normal, across, bonded_pairs(scene.effects, scene.packing))
+
+
+class SinglePush(NamedTuple):
+    """What effects on single particles do: (N, d) forces, (N, 1 or 3) torques, and the terms that these are of."""
+
+    force_nd: NDArray[np.float64]
+    torque_nk: NDArray[np.float64]
+    terms: SingleTerms | ShapedTerms
+
+
+def single_push(scene: Scene) -> SinglePush:
+    """Return the forces and torques of what acts on single particles: walls turn shapes, all else turns nothing."""
+    packing, d = scene.packing, scene.packing.dimension
+    if packing.shapes is None:
+        terms = single_terms(scene.effects, packing)
+        return SinglePush(terms.force_nd, np.zeros((packing.particles, 1 if d == 2 else 3)), terms)
+    shaped = shaped_terms(scene.effects, packing)
+    return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped)
 
 
 def force_residual(scene: Scene) -> float:
@@ -271,23 +375,48 @@ def force_residual(scene: Scene) -> float:
     Torques count over radii, and 0 is returned where nothing touches. It is that of the whole scene: what the contacts
     of rattlers do not balance is in it.
     """
-    if friction_of(scene) is not None:
-        return contact_forces(scene).residual
-    largest, mean = force_balance(scene)
-    return largest / mean if mean > 0.0 else 0.0
+    return resting_forces(scene).residual
 
 
-@honors("repulsion friction bonds gravity walls held shapes", at_rest=True, apart="friction+shapes")
+def force_balance(scene: Scene) -> tuple[float, float]:
+    """Return the largest net force and the mean contact force [force]; both 0 when nothing touches.
+
+    Their ratio is the residual of a run (`ContactForces.residual`).
+    """
+    found = resting_forces(scene)
+    mean = found.mean_force
+    return (found.largest_imbalance, mean) if mean > 0.0 else (0.0, 0.0)
+
+
+def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
+    """Return the (d, d) stress of contacts with radial derivatives first_c [force], tension positive.
+
+    Parameters
+    ----------
+    contacts
+        The contacts.
+    first_c
+        (C,) du/dr, negative for repulsion.
+    volume
+        Volume of the box [length^d].
+
+    """
+    weighted = contacts.normal_cd * (first_c * contacts.distance_c)[:, None]
+    stress: NDArray[np.float64] = np.einsum("ca,cb->ab", weighted, contacts.normal_cd) / volume
+    return stress
+
+
+@honors("repulsion friction bonds gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 
     Discs and spheres feel those of friction alone (`contact_forces`), ellipses, spheroids and rigid bodies those of
-    their contacts and of walls. Held ones have none.
+    their contacts and of walls, too. Held ones have none.
 
     Parameters
     ----------
     scene
-        The scene, without links.
+        The scene.
 
     Examples
     --------
@@ -297,9 +426,20 @@ def torques(scene: Scene) -> NDArray[np.float64]:
 
     """
     instance("scene", scene, Scene)
-    if scene.packing.shapes is not None:
-        found = shape_forces(scene).torques()
-    else:
-        # tangential springs of bonds are slack, and bonded pairs have none of friction
-        found = contact_forces(scene.without(Bonds)).torque_nk
+    found = resting_forces(scene).torque_nk
     return found[:, 0] if found.shape[1] == 1 else found
+
+
+def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
+    """Return (N,) which particles of a scene at rest rattle: by friction, weights, walls and links, too.
+
+    With links, particles that move apart from the backbone; where something acts on single particles beside links,
+    clusters that can be moved as a whole.
+    """
+    packing, effects = scene.packing, scene.effects
+    if packing.tangential is not None or friction_of(scene) is not None:
+        unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
+        return contact_forces(scene.replace(effects=unbonded)).rattlers_n
+    if packing.links is not None and not acts_on_single(effects):
+        return find_rattling_clusters(packing).rattling_n
+    return rattlers_among(packing, touching_pairs(packing, None), effects)

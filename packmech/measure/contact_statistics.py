@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real
-from packmech.contacts import Contacts, find_contacts
-from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.contacts import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.measure.contact_forces import contact_forces
-from packmech.measure.counting import find_rattlers
-from packmech.measure.shaped import shape_forces
+from packmech.measure.contact_forces import resting_forces
+from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing, no_tangential
 from packmech.scene import Scene
 
@@ -115,12 +114,11 @@ def contact_statistics(
     no_tangential("packing", packing)
     number = integer("bins", bins, at_least=1)
     one_of("rattlers", rattlers, ("remove", "keep"))
-    find = find_contacts if packing.shapes is None else find_shape_contacts
-    contacts: Contacts | ShapeContacts = find(packing, gap_tolerance=gap_tolerance)
+    contacts = touching_pairs(packing, gap_tolerance)
     loose = np.zeros(packing.particles, dtype=bool)
     if rattlers == "remove":
         loose = find_rattlers(packing, gap_tolerance=gap_tolerance)
-        contacts = contacts.select(~loose[contacts.i_c] & ~loose[contacts.j_c])
+        contacts = contacts.among(~loose)
     d, normal = packing.dimension, _normals(contacts)
     if d == 2:
         angle = np.mod(np.arctan2(normal[:, 1], normal[:, 0]), np.pi)
@@ -191,11 +189,7 @@ class _Pressed(NamedTuple):
 def _pressed(scene: Scene) -> _Pressed:
     """Return the contacts of a scene, with friction if it has some, that press."""
     instance("scene", scene, Scene)
-    if scene.packing.shapes is not None:
-        shaped = shape_forces(scene)
-        push = -shaped.terms.first_c[:, None] * shaped.contacts.slope_cx[:, : shaped.contacts.dimension]
-        return _Pressed(shaped.contacts, push, shaped.contacts.vector_cd)
-    found = contact_forces(scene)
+    found = resting_forces(scene)
     return _Pressed(found.contacts, -found.force_cd, found.contacts.vector_cd)
 
 
@@ -241,7 +235,7 @@ class ForceDistribution:
         )
 
 
-@honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")
+@honors("repulsion friction gravity walls held shapes", at_rest=True)
 def force_distribution(scene: Scene, *, bins: int = 50, largest: float = 5.0) -> ForceDistribution:
     """Return the distribution of the sizes of the contact forces over their mean.
 
@@ -325,7 +319,7 @@ class ForceChains:
         )
 
 
-@honors("repulsion friction gravity walls held shapes", at_rest=True, apart="friction+shapes")
+@honors("repulsion friction gravity walls held shapes", at_rest=True)
 def force_chains(scene: Scene, *, angle: float = 45.0) -> ForceChains:
     """Return the force chains of a scene at rest.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.effects import Friction
 from packmech.links import named_rows
 from packmech.scene import Scene
@@ -25,7 +26,9 @@ def friction_of(scene: Scene) -> Friction | None:
     return next((one for one in scene.effects if isinstance(one, Friction)), None)
 
 
-def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.float64]) -> TangentialForces:
+def tangential_forces(
+    scene: Scene, contacts: Contacts | ShapeContacts, normal_c: NDArray[np.float64]
+) -> TangentialForces:
     """Return the tangential forces of the contacts, zeros without friction.
 
     Parameters
@@ -42,17 +45,18 @@ def tangential_forces(scene: Scene, contacts: Contacts, normal_c: NDArray[np.flo
     springs = scene.packing.tangential
     if friction is None or springs is None:
         return TangentialForces(np.zeros((count, d)), np.zeros(count))
-    displacement = np.zeros((count, 1 if d == 2 else 3))
-    place = named_rows((contacts.i_c, contacts.j_c, contacts.image_cd), (springs.i_c, springs.j_c, springs.image_cd))
+    displacement, normal = np.zeros((count, 1 if d == 2 else 3)), contacts.normal_cd
+    known, asked = ((one.i_c, one.j_c, one.image_cd) for one in (contacts, springs))
+    place = named_rows(known, asked, contacts.bead_c2, springs.bead_c2)
     displacement[place[place >= 0]] = springs.displacement_ck[place >= 0]
     if d == 3:
-        displacement = _laid_across(displacement, contacts.normal_cd)
+        displacement = _laid_across(displacement, normal)
     force = friction.stiffness * displacement
     size = np.sqrt((force**2).sum(axis=1))
     cap = friction.coefficient * np.abs(normal_c)
     force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
     if d == 2:
-        force = np.stack([-contacts.normal_cd[:, 1], contacts.normal_cd[:, 0]], axis=1) * force
+        force = np.stack([-normal[:, 1], normal[:, 0]], axis=1) * force
     # a spring that gave way holds what its force is worth
     stretch = np.minimum(size, cap) / friction.stiffness if friction.stiffness > 0.0 else np.zeros(count)
     return TangentialForces(force, 0.5 * friction.stiffness * stretch**2)
@@ -65,12 +69,9 @@ def _laid_across(displacement_c3: NDArray[np.float64], normal_c3: NDArray[np.flo
     return np.asarray(across * np.divide(before, after, out=np.zeros_like(after), where=after > 0.0)[:, None])
 
 
-def sum_tangential(contacts: Contacts, force_cd: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (N, d) sums of forces on particles i and their reactions on j [force]."""
-    return sum_both(contacts, force_cd, -force_cd)
-
-
-def sum_both(contacts: Contacts, on_i: NDArray[np.float64], on_j: NDArray[np.float64]) -> NDArray[np.float64]:
+def sum_both(
+    contacts: Contacts | ShapeContacts, on_i: NDArray[np.float64], on_j: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return the (N, k) sums of what contacts do to their two particles."""
     total = np.empty((contacts.particles, on_i.shape[1]))
     for k in range(on_i.shape[1]):

@@ -6,32 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, one_of
-from packmech.constraints.factor import ConstraintFactor
-from packmech.contacts import Contacts, find_contacts
-from packmech.effects import contact_terms, held_particles, single_terms, total_push
+from packmech.contacts import Contacts
+from packmech.effects import contact_terms
 from packmech.honors import STRAINED, honors
-from packmech.jit.blas import single_thread
-from packmech.measure.bonds import bonded_pairs, joined, unbonded
-from packmech.measure.friction import friction_of, sum_tangential, tangential_forces
-from packmech.measure.shaped import shape_forces
+from packmech.measure.contact_forces import resting_forces, single_push
+from packmech.measure.friction import tangential_forces
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")
-
-
-def _terms(scene: Scene) -> tuple[Contacts, NDArray[np.float64], NDArray[np.float64]]:
-    """Return contacts and bonds, their energies, and the derivatives of these by distance."""
-    instance("scene", scene, Scene)
-    contacts = unbonded(find_contacts(scene.packing), scene.effects)
-    terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
-    pairs, terms = joined(contacts, terms, bonded_pairs(scene.effects, scene.packing))
-    return pairs, terms.energy_c, terms.first_c
-
-
-def _shaped(scene: Scene) -> bool:
-    """Whether the particles of a scene are no discs or spheres."""
-    instance("scene", scene, Scene)
-    return scene.packing.shapes is not None
 
 
 def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -56,7 +38,6 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 @honors(
     "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
-    apart="friction+shapes",
     link_tolerance=STRAINED,
 )
 def energy(scene: Scene) -> float:
@@ -81,19 +62,19 @@ def energy(scene: Scene) -> float:
     0.005
 
     """
-    if _shaped(scene):
-        return shape_forces(scene).energy
-    contacts, energy_c, first = _terms(scene)
-    whole = float(np.add.reduce(energy_c))
-    if friction_of(scene) is not None:
-        whole += float(np.add.reduce(tangential_forces(scene, contacts, -first).energy_c))
-    return whole + float(np.add.reduce(single_terms(scene.effects, scene.packing).energy_n))
+    instance("scene", scene, Scene)
+    found = resting_forces(scene)
+    pairs, terms = found.contacts, single_push(scene).terms
+    springs = tangential_forces(scene, pairs, found.normal_c).energy_c
+    whole = float(np.add.reduce(contact_terms(scene.effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
+    if found.bonded is not None:
+        whole += float(np.add.reduce(found.bonded.terms.energy_c))
+    return whole + float(np.add.reduce(springs)) + float(np.add.reduce(terms.energy_n))
 
 
 @honors(
     "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
-    apart="friction+shapes",
     link_tolerance=STRAINED,
 )
 def forces(scene: Scene) -> NDArray[np.float64]:
@@ -115,34 +96,13 @@ def forces(scene: Scene) -> NDArray[np.float64]:
     [0.5, 0.0]
 
     """
-    if _shaped(scene):
-        return shape_forces(scene).forces()
-    contacts, _, first = _terms(scene)
-    return _net(scene, contacts, first)
-
-
-def _free(scene: Scene) -> NDArray[np.bool_] | None:
-    """Return (N,) which particles are not held; None where none is."""
-    held = held_particles(scene.effects, scene.packing.particles)
-    return None if held is None else ~held
-
-
-def _net(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (N, d) net forces, those of links left out."""
-    net = sum_forces(contacts, -first_c)
-    if friction_of(scene) is not None:
-        net += sum_tangential(contacts, tangential_forces(scene, contacts, -first_c).force_cd)
-    net += single_terms(scene.effects, scene.packing).force_nd
-    held = held_particles(scene.effects, scene.packing.particles)
-    if held is not None:
-        net[held] = 0.0
-    return net
+    instance("scene", scene, Scene)
+    return resting_forces(scene).force_nd
 
 
 @honors(
     "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
-    apart="friction+shapes",
     link_tolerance=STRAINED,
 )
 def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
@@ -181,57 +141,16 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
 
     """
     one_of("parts", parts, PARTS)
-    if _shaped(scene):
-        whole = shape_forces(scene).stress(scene.packing.box.volume)
-        return whole if parts != "links" else np.zeros_like(whole)
-    contacts, _, first = _terms(scene)
-    packing = scene.packing
-    if packing.links is None:
-        none = np.zeros((packing.dimension, packing.dimension))
-        return none if parts == "links" else _whole_stress(scene, contacts, first)
-    stress = np.zeros((packing.dimension, packing.dimension))
-    if parts != "links":
-        stress += _whole_stress(scene, contacts, first)
-    if parts != "contacts":
-        with single_thread():
-            links = ConstraintFactor(packing)
-            tension = links.multipliers(-_net(scene, contacts, first), _free(scene))
-        stress += contact_stress(links.pairs, tension, packing.box.volume)
-    return stress
-
-
-def _whole_stress(scene: Scene, contacts: Contacts, first_c: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (d, d) stress of contacts, friction included."""
-    volume = scene.packing.box.volume
-    stress = contact_stress(contacts, first_c, volume)
-    if friction_of(scene) is not None:
-        vector = contacts.normal_cd * contacts.distance_c[:, None]
-        stress += tangential_forces(scene, contacts, -first_c).force_cd.T @ vector / volume
-    return stress
-
-
-def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: float) -> NDArray[np.float64]:
-    """Return the (d, d) stress of contacts with radial derivatives first_c [force], tension positive.
-
-    Parameters
-    ----------
-    contacts
-        The contacts.
-    first_c
-        (C,) du/dr, negative for repulsion.
-    volume
-        Volume of the box [length^d].
-
-    """
-    weighted = contacts.normal_cd * (first_c * contacts.distance_c)[:, None]
-    stress: NDArray[np.float64] = np.einsum("ca,cb->ab", weighted, contacts.normal_cd) / volume
-    return stress
+    instance("scene", scene, Scene)
+    found = resting_forces(scene)
+    if parts == "total":
+        return found.stress_dd
+    return found.contact_stress_dd if parts == "contacts" else found.link_stress_dd
 
 
 @honors(
     "repulsion friction bonds gravity walls held links shapes",
     at_rest=True,
-    apart="friction+shapes",
     link_tolerance=STRAINED,
 )
 def pressure(scene: Scene, *, parts: str = "total") -> float:
@@ -257,32 +176,6 @@ def pressure(scene: Scene, *, parts: str = "total") -> float:
     """
     # 0 - trace, so that a scene without contacts has pressure 0 and not -0
     return (0.0 - float(np.trace(stress_tensor(scene, parts=parts)))) / scene.packing.dimension
-
-
-def force_balance(scene: Scene) -> tuple[float, float]:
-    """Return the largest net force and the mean contact force [force]; both 0 when nothing touches.
-
-    Their ratio is the residual of a run. Rigid links bear what they can of the net forces. Forces on single particles
-    that are free count with those of contacts, and torques over radii of gyration on particles with shapes.
-    """
-    packing = scene.packing
-    if packing.shapes is not None:
-        return shape_forces(scene).balance(packing.shapes.turn_basis(packing.radius_n))
-    contacts, _, first = _terms(scene)
-    held = held_particles(scene.effects, scene.packing.particles)
-    push, pushes = total_push(single_terms(scene.effects, scene.packing), held)
-    count = len(contacts) + pushes
-    if not count:
-        return 0.0, 0.0
-    net, free = _net(scene, contacts, first), _free(scene)
-    if scene.packing.links is not None:
-        with single_thread():
-            links = ConstraintFactor(scene.packing)
-            net += sum_forces(links.pairs, -links.multipliers(-net, free))
-        if free is not None:
-            net[~free] = 0.0
-    mean = (np.abs(first).sum() + push) / count
-    return float(np.sqrt((net**2).sum(axis=1)).max()), float(mean)
 
 
 @honors("repulsion friction bonds gravity walls held links", at_rest=True, link_tolerance=STRAINED)
@@ -318,8 +211,4 @@ def link_tension(scene: Scene) -> NDArray[np.float64]:
 
 def tension_of(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links, whatever else the scene holds (`link_tension`)."""
-    if scene.packing.links is None:
-        return np.zeros(0)
-    contacts, _, first = _terms(scene)
-    with single_thread():
-        return ConstraintFactor(scene.packing).multipliers(-_net(scene, contacts, first), _free(scene))
+    return resting_forces(scene).tension_l

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from packmech.contacts.elements import Elements
+from packmech.contacts.elements import Elements, sum_slopes
 from packmech.jit.compiled import kernel
 from packmech.linalg.mandel import mandel_basis
 
@@ -283,31 +283,13 @@ def assemble(
             row,
             corner,
         )
-        slope += slopes_of(one, turn_nkt)
+        slope += sum_slopes(one.i_c, one.j_c, one.pull_cx, turn_nkt, dimension)
     if symmetric:
         # but for rounding it is
         corner = np.triu(corner) + np.triu(corner, 1).T
     return Assembled(
         pair_i, pair_j, upper, None if symmetric else lower, diagonal, column, None if symmetric else row, corner, slope
     )  # fmt: skip
-
-
-def slopes_of(elements: Elements, turn_nkt: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (N, q) slopes of the elements' energy along the coordinates of the particles."""
-    d, t = elements.vector_cd.shape[1], elements.rotations
-    (particles, turns), pull = turn_nkt.shape[:2], elements.pull_cx
-    slope = np.zeros((particles, d + turns))
-    for a in range(d):
-        slope[:, a] = np.bincount(elements.j_c, pull[:, a], particles) - np.bincount(
-            elements.i_c, pull[:, a], particles
-        )
-    if t and turns:
-        torque = np.zeros((particles, t))
-        for a in range(t):
-            torque[:, a] = np.bincount(elements.i_c, pull[:, d + a], particles)
-            torque[:, a] += np.bincount(elements.j_c, pull[:, d + t + a], particles)
-        slope[:, d:] = np.einsum("nkt,nt->nk", turn_nkt, torque)
-    return slope
 
 
 def _with_rotations(stiffness_cxx: NDArray[np.float64], d: int, rotations: int) -> NDArray[np.float64]:

@@ -27,6 +27,7 @@ from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, elements_of
 from packmech.contacts.fused_volume import second_moments
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.contacts.tangential_elements import tangential_elements
 from packmech.effects import (
     BackgroundDamping,
     Bonds,
@@ -44,7 +45,7 @@ from packmech.jit.blas import single_thread
 from packmech.measure.bonds import BondedPairs, bonded_pairs, bonds_of, unbonded
 from packmech.measure.friction import tangential_forces
 from packmech.mechanics.assembly import Assembled, assemble
-from packmech.mechanics.frictional import acting_friction, spin_turns, tangential_elements
+from packmech.mechanics.frictional import acting_friction
 from packmech.mechanics.network import network_among
 from packmech.mechanics.relaxation import general_factors
 from packmech.mechanics.system import closed_terms, single_second
@@ -74,7 +75,8 @@ class ComplexModulus:
         (F, d, d) the same of forces times branch vectors alone, which torques leave unsymmetric.
     displacement_fnd, rotation_fnk
         (F, N, d) and (F, N, 1 or 3) complex amplitudes over that of gamma, of displacements against the box and of
-        rotations; no rotations (k = 0) where nothing turns particles, and none of spheroids about their own axes.
+        rotations; no rotations (k = 0) where nothing turns particles, and none of spheroids about their own axes where
+        nothing is rough.
     residual
         Largest error of the solved systems over the size of their right sides [1].
     rest
@@ -176,15 +178,24 @@ class _Pairs(NamedTuple):
     tangential_stiffness: float
     tangential_damping: float
 
-    def elements(self, packing: Packing, turning: bool) -> tuple[Elements, Elements]:
-        """Return springs and dashpots; those of discs and spheres act on their surfaces where these turn."""
-        pairs, slack = self.pairs, np.zeros_like(self.first_c)
-        if not turning or isinstance(pairs, ShapeContacts) or packing.shapes is not None:
-            return elements_of(pairs, self.first_c, self.second_c), elements_of(pairs, slack, self.damping_c)
-        across, radius = self.tangential_cd, packing.radius_n
-        springs = tangential_elements(pairs, radius, self.first_c, self.second_c, across, self.tangential_stiffness)
-        dashpots = tangential_elements(pairs, radius, slack, self.damping_c, 0.0 * across, self.tangential_damping)
-        return springs[0], dashpots[0]
+    def elements(self, packing: Packing) -> tuple[Elements, Elements]:
+        """Return springs and dashpots, those across their directions among them where there are any."""
+        slack, none = np.zeros_like(self.first_c), np.zeros_like(self.tangential_cd)
+        springs = (self.first_c, self.second_c, self.tangential_cd, self.tangential_stiffness)
+        dashpots = (slack, self.damping_c, none, self.tangential_damping)
+        return self._one(packing, *springs), self._one(packing, *dashpots)
+
+    def _one(
+        self,
+        packing: Packing,
+        first_c: NDArray[np.float64],
+        second_c: NDArray[np.float64],
+        tangential_cd: NDArray[np.float64],
+        stiffness: float,
+    ) -> Elements:
+        if stiffness == 0.0:
+            return elements_of(self.pairs, first_c, second_c)
+        return tangential_elements(self.pairs, packing.radius_n, first_c, second_c, tangential_cd, stiffness)[0]
 
 
 def _touching(scene: Scene) -> _Pairs:
@@ -198,7 +209,7 @@ def _touching(scene: Scene) -> _Pairs:
         for r, s in zip(np.minimum(found.distance_c, sigma).tolist(), sigma.tolist(), strict=True)
     ]
     tangential, stiffness, tangential_damping = np.zeros_like(found.vector_cd), 0.0, 0.0
-    if friction is not None and isinstance(found, Contacts):
+    if friction is not None:
         tangential = tangential_forces(scene, found, -terms.first_c).force_cd
         stiffness, tangential_damping = friction.stiffness, friction.damping
     normal_damping = np.array(damping, dtype=float)
@@ -218,7 +229,6 @@ def _bonded(bonds: Bonds, found: BondedPairs) -> _Pairs:
 
 @honors(
     "repulsion damping friction bonds gravity drag shapes",
-    apart="friction+shapes",
     remarks={
         "walls": "walls follow no strain of the box",
         "held": "give those that follow the box as held_n",
@@ -276,19 +286,19 @@ def complex_modulus(
     direction = _direction(mode, axes, d)
     moving = np.ones(n, dtype=bool) if held_n is None else ~particle_mask("held_n", held_n, n)
     drag = _drag(scene)
-    if packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
-        refuse_tangential_bonds(scene.effects, packing.shapes)
+    refuse_unknown_to_shapes(scene)
+    refuse_tangential_bonds(scene.effects, packing.shapes)
     bonds = bonds_of(scene.effects)
     touching, bonded = _touching(scene), bonded_pairs(scene.effects, packing)
     found = [touching] if bonds is None or bonded is None else [touching, _bonded(bonds, bonded)]
     if not any(len(one.pairs) for one in found):
         raise ValueError("scene must have contacts or bonds, got none")
-    turning = any(isinstance(one, Friction | Bonds) for one in scene.effects) and packing.shapes is None
-    turn = spin_turns(packing) if turning else None
+    # bonds of other shapes than discs and spheres turn none
+    surfaces = Friction | Bonds if packing.shapes is None else Friction
+    turn = packing.spin_nkk if any(isinstance(one, surfaces) for one in scene.effects) else packing.turn_nkt
     network = network_among(packing, touching.pairs, np.ones(n, dtype=bool), scene.effects, turn)
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
-    springs, dashpots = zip(*(one.elements(packing, turning) for one in found), strict=True)
+    springs, dashpots = zip(*(one.elements(packing) for one in found), strict=True)
     single, gradients = single_second(scene, network), np.eye(d * d).reshape(-1, d, d)
     elastic = assemble(springs, turn, d, single_nqq=single, basis_edd=gradients)
     viscous = assemble(dashpots, turn, d, basis_edd=gradients)
@@ -313,8 +323,8 @@ def complex_modulus(
     overall: NDArray[np.complex128] = 0.5 * (contact + np.swapaxes(contact, 1, 2))
     motion = np.array(answers)
     rotation = np.einsum("fnk,nkt->fnt", motion[..., d:], turn)
-    if packing.shapes is not None:
-        overall += _inertia_of_turns(packing, omega[:, None, None] ** 2 * rotation) / packing.box.volume
+    # of discs and spheres, whose second moments are the same along all axes, this is none
+    overall += _inertia_of_turns(packing, omega[:, None, None] ** 2 * rotation) / packing.box.volume
     if mode == "isotropic":
         modulus = np.trace(overall, axis1=1, axis2=2) / d
     else:
@@ -325,7 +335,7 @@ def complex_modulus(
         stress_fdd=overall,
         contact_stress_fdd=contact,
         displacement_fnd=np.ascontiguousarray(motion[..., :d]),
-        rotation_fnk=rotation,
+        rotation_fnk=rotation if turn.shape[1] else rotation[..., :0],
         residual=max(errors),
         rest=rest,
         seconds=time.process_time() - began,

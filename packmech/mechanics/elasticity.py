@@ -23,6 +23,7 @@ from packmech.linalg.mandel import (
     stiffness_tensor,
     trace_vector,
 )
+from packmech.measure.bonds import bonds_of
 from packmech.measure.contact_forces import force_residual
 from packmech.measure.stress import stress_tensor
 from packmech.mechanics.frictional import (
@@ -451,7 +452,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
-@honors("repulsion friction bonds links shapes", at_rest=True, apart="friction+links friction+shapes friction+bonds")
+@honors("repulsion friction bonds links shapes", at_rest=True, apart="friction+bonds")
 def elastic_moduli(
     scene: Scene,
     *,
@@ -474,7 +475,8 @@ def elastic_moduli(
     work (Hill's second-order work), which is enough for stability and not needed for it. A coefficient of 0 is no
     friction.
 
-    Ellipses and spheroids turn while they relax: a strain moves their centers and by itself turns none.
+    Ellipses and spheroids turn while they relax: a strain moves their centers and by itself turns none. With friction
+    linked discs turn each about its own center, which links do not feel.
 
     Parameters
     ----------
@@ -508,8 +510,8 @@ def elastic_moduli(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, a name is unknown, touching centers coincide, a packing has both links
-        and friction, or rattlers that would be left out bear a pressure: at rest between their own images.
+        If an argument is of the wrong kind, a name is unknown, touching centers coincide, or rattlers that would be
+        left out bear a pressure: at rest between their own images.
 
     Examples
     --------
@@ -547,7 +549,8 @@ def elastic_moduli(
             # without a set that agrees with its motion there is no answer at rest, as along a negative direction
             unsolved = int(relaxation.residual > _INCONSISTENT or not found.consistent)
         residual = force_residual(scene)
-        _refuse_bearing_rattlers(scene, residual, system.virial_of_springs)
+        virial = system.virial_of_springs if found is None else found.virial
+        _refuse_bearing_rattlers(scene, residual, virial)
         return _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, residual, start)
 
 
@@ -562,7 +565,7 @@ def _at_limit(given: str | ArrayLike, dimension: int) -> str | NDArray[np.float6
 
 
 class _RoughResponse(NamedTuple):
-    """The response of a packing with friction, and the contacts at the Coulomb limit that took part."""
+    """The response of a packing with friction, the contacts at the Coulomb limit, and forces times vectors, of all."""
 
     system: System
     relaxation: Relaxation
@@ -570,15 +573,20 @@ class _RoughResponse(NamedTuple):
     sliding_k: NDArray[np.int64]
     at_limit_k: NDArray[np.int64]
     doubtful: int
+    virial: float
 
 
 def _rough_response(
     scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
 ) -> _RoughResponse:
     """Return how a frictional packing relaxes while contacts at the limit do what is asked for."""
-    # without links "paper" leaves out nothing
-    kind = "exact" if kind == "paper" else kind
-    check_frictional(scene, kind, gap_tolerance=gap_tolerance)
+    if bonds_of(scene.effects) is not None:
+        raise ValueError(
+            "scene.effects must hold no Bonds beside Friction for pm.elastic_moduli, since rattlers with friction know "
+            "contacts alone: leave one out with scene.without(pm.Bonds), or use pm.complex_modulus"
+        )
+    # what contacts add is the same: "paper" leaves out the forces of links
+    check_frictional("exact" if kind == "paper" else kind, gap_tolerance=gap_tolerance)
     contacts = frictional_network(scene, rattlers)
     if isinstance(at_limit, str):
         sliding, consistent = contacts.sliding(at_limit), True
@@ -593,6 +601,7 @@ def _rough_response(
         contacts.chosen_c[sliding],
         contacts.chosen_c[contacts.at_limit_c],
         int(np.count_nonzero(contacts.doubtful_c)),
+        float((contacts.forces.force_cd * contacts.network.contacts.vector_cd).sum()),
     )
 
 
@@ -621,8 +630,7 @@ def _moduli(
     """Return the record of a relaxed stiffness; `unsolved` strains are unstable for want of a relaxation."""
     stiff = system.links.stiff_strains
     energy = (system.corner - relaxation.relief_ee) / volume
-    if system.assembled.symmetric:
-        energy = _across((energy + energy.T) / 2.0, stiff)
+    energy = _across((energy + energy.T) / 2.0 if system.assembled.symmetric else energy, stiff)
     affine, stress = system.corner / volume, system.virial_dd / volume
     cauchy = _across(cauchy_tangent(energy, stress), stiff)
     scale = float(np.abs(np.linalg.eigvalsh((affine + affine.T) / 2.0)).max())

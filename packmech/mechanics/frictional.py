@@ -1,17 +1,8 @@
 """Linear response of frictional packings: forces and torques against displacements, rotations and strains.
 
 Forces with friction have no energy. What stands in for the Hessian is minus the derivative of the generalized forces,
-with the tangential springs carried along as the engine carries them: a spring of displacement s grows by the slip, and
-turns with the contact. For a contact of direction n, distance r and arms a, whose branch vector changes by du while its
-particles turn by p and q,
+with the tangential springs carried along as the engine carries them (`packmech.contacts.tangential_elements`).
 
-    slip                ds = (1 - n n) du + n x (a_i p + a_j q)
-    direction           dn = (1 - n n) du / r
-    tangential force    dT = k ds + mu dN T/|T| - n (T.du)/r + (n x T) n.(p + q)/2       T = k s
-    force on i          df = u'' n (n.du) + u' dn + dT
-    torque on i         a_i (dn x T + n x dT) + (n.du) (a_i / r) n x T
-
-Where a contact sticks there is no term with mu; where it slides k acts across T only, which in the plane is nowhere.
 A contact at the Coulomb limit sticks where the motion unloads it, k T.ds/|T| < mu dN, and slides where it does not, so
 that the response is linear only among motions that unload the same contacts: each direction of strain has a set of
 sliding contacts that agrees with the motion it leads to (`find_sliding`).
@@ -32,23 +23,20 @@ from numpy.typing import NDArray
 
 from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.contacts import Contacts
-from packmech.contacts.elements import Elements, check_centers, pair_rows
-from packmech.effects import ContactTerms, Friction, refuse_unknown_to_shapes
+from packmech.contacts.elements import pair_rows
+from packmech.contacts.tangential_elements import tangential_elements
+from packmech.effects import ContactTerms, Friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
-from packmech.measure.contact_forces import ContactForces, contact_forces
+from packmech.measure.contact_forces import ContactForces, resting_forces
 from packmech.measure.friction import friction_of
-from packmech.mechanics.assembly import assemble
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import Relaxation, general_factors, is_symmetric, relax
-from packmech.mechanics.system import System, closed_terms, single_second
-from packmech.packing import Packing
+from packmech.mechanics.system import System, assembled_system, closed_terms
 from packmech.scene import Scene
 
-# what contacts at the Coulomb limit do under a small motion
-# without links "paper" is "exact"
+# kinds of stiffness
 _KINDS: tuple[Kind, ...] = ("exact", "unstressed")
 # sets of sliding contacts that are tried for one strain
 _SETS = 200
@@ -63,122 +51,14 @@ def acting_friction(scene: Scene) -> Friction | None:
     return None if friction is None or friction.coefficient == 0.0 else friction
 
 
-def check_frictional(
-    scene: Scene, kind: Kind, contacts_at_limit: str = "stick", gap_tolerance: float | None = None
-) -> None:
+def check_frictional(kind: Kind, contacts_at_limit: str = "stick", gap_tolerance: float | None = None) -> None:
     """Check what calls of frictional packings are given."""
-    if scene.packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
-    if scene.packing.links is not None:
-        raise ValueError(
-            "scene.packing must have no links where contacts have friction, which would turn particles against them, "
-            f"got {len(scene.packing.links)}"
-        )
     one_of("kind", kind, _KINDS)
     one_of("contacts_at_limit", contacts_at_limit, AT_LIMIT)
     if gap_tolerance is not None:
         raise ValueError(
             f"gap_tolerance must be None for a scene with friction, whose contacts are overlaps, got {gap_tolerance}"
         )
-
-
-def _cross_matrix(vector_c3: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the (C, 3, 3) matrices of the products v x."""
-    x, y, z = vector_c3.T
-    zero = np.zeros_like(x)
-    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-
-
-def tangential_elements(
-    pairs: Contacts,
-    radius_n: NDArray[np.float64],
-    first_c: NDArray[np.float64],
-    second_c: NDArray[np.float64],
-    tangential_cd: NDArray[np.float64],
-    stiffness: float,
-    coefficient: float = 0.0,
-    sliding_c: NDArray[np.bool_] | None = None,
-    kind: Kind = "exact",
-) -> tuple[Elements, NDArray[np.float64]]:
-    """Return pairs with tangential springs as elements, and (C, d + 2 k) derivatives of what passes mu N.
-
-    Contacts with friction, bonds, and with rates in place of displacements dashpots. The derivatives are those of the
-    force of a spring that sticks, along the tangential force, less those of the limit.
-
-    Parameters
-    ----------
-    pairs
-        The pairs; `contact_distance_c` has no part in it.
-    radius_n
-        (N,) radii of the particles, which share the distance of a pair as arms [length].
-    first_c, second_c
-        (C,) derivatives of the pair energies [force], [force/length].
-    tangential_cd
-        (C, d) tangential forces on particle i [force].
-    stiffness
-        Of the tangential springs [force/length].
-    coefficient
-        Coulomb's, where contacts slide [1].
-    sliding_c
-        (C,) which contacts slide; none unless given.
-    kind
-        "exact", or "unstressed": what forces add where contacts turn is left out.
-
-    Raises
-    ------
-    ValueError
-        If centers coincide.
-
-    """
-    check_centers(pairs, np.ones(len(pairs)))
-    count, d = len(pairs), pairs.dimension
-    # all in space; a plane takes its part at the end
-    n, tangential = np.zeros((count, 3)), np.zeros((count, 3))
-    n[:, :d], tangential[:, :d] = pairs.normal_cd, tangential_cd
-    size = np.sqrt((tangential**2).sum(axis=1))
-    ahead = tangential / np.where(size > 0.0, size, 1.0)[:, None]
-    along = np.zeros_like(ahead) if sliding_c is None else np.where(sliding_c[:, None], ahead, 0.0)
-    # without forces contacts turn for nothing
-    pull, push = (tangential, first_c) if kind == "exact" else (0.0 * tangential, 0.0 * first_c)
-    r = pairs.distance_c
-    share = np.stack([radius_n[pairs.i_c], radius_n[pairs.j_c]], axis=1)
-    share /= share.sum(axis=1, keepdims=True)
-    arm = share * r[:, None]
-    across = np.eye(3) - n[:, :, None] * n[:, None, :]
-    turn = _cross_matrix(n)
-    stiff = stiffness * (across - along[:, :, None] * along[:, None, :])
-    slip = np.concatenate([across, arm[:, :1, None] * turn, arm[:, 1:, None] * turn], axis=2)
-    none = np.zeros((count, 3, 6))
-    direction = np.concatenate([across / r[:, None, None], none], axis=2)
-    stretch = np.concatenate([n, none[:, 0]], axis=1)
-    twist = np.concatenate([np.zeros((count, 3)), 0.5 * n, 0.5 * n], axis=1)
-    spin = np.cross(n, pull)
-    # the limit follows the normal force |u'|
-    limit = coefficient * np.sign(first_c) * second_c
-    change = (
-        stiff @ slip + along[:, :, None] * (limit[:, None] * stretch)[:, None, :] + spin[:, :, None] * twist[:, None]
-    )
-    change[:, :, :3] -= n[:, :, None] * (pull / r[:, None])[:, None, :]
-    force = n[:, :, None] * (second_c[:, None] * stretch)[:, None, :] + push[:, None, None] * direction + change
-    bent = turn @ change - _cross_matrix(pull) @ direction
-    # what acts on i pulls along the vector to j; torques turn against their coordinates
-    torque = [
-        -(arm[:, k, None, None] * bent + share[:, k, None, None] * spin[:, :, None] * stretch[:, None])
-        for k in range(2)
-    ]
-    whole = np.concatenate([force, *torque], axis=1)
-    slopes = np.concatenate([push[:, None] * n + pull, -arm[:, :1] * spin, -arm[:, 1:] * spin], axis=1)
-    beyond = stiffness * np.einsum("ca,cab->cb", ahead, slip) - limit[:, None] * stretch
-    if d == 2:
-        plane = np.array([0, 1, 5, 8])
-        whole, slopes, beyond = whole[:, plane[:, None], plane], slopes[:, plane], beyond[:, plane]
-    return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, slopes, whole, symmetric=False), beyond
-
-
-def spin_turns(packing: Packing) -> NDArray[np.float64]:
-    """Return the (N, k, k) rotations of discs and spheres per length, angles times radii of gyration: k = 1 or 3."""
-    k, share = (1, 0.5) if packing.dimension == 2 else (3, 0.4)
-    return np.asarray(np.eye(k) / (np.sqrt(share) * packing.radius_n)[:, None, None])
 
 
 class FrictionalNetwork(NamedTuple):
@@ -199,14 +79,14 @@ class FrictionalNetwork(NamedTuple):
 def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     """Return the touching pairs of a scene with friction, those of rattlers left out unless these are to be kept."""
     one_of("rattlers", rattlers, ("remove", "keep"))
-    found = contact_forces(scene)
+    found = resting_forces(scene, second=True)
     kept = ~found.rattlers_n if rattlers == "remove" else np.ones(scene.packing.particles, dtype=bool)
     chosen = np.flatnonzero(kept[found.contacts.i_c] & kept[found.contacts.j_c])
     contacts = found.contacts.select(chosen)
     forces = ContactForces(scene, contacts, found.normal_c[chosen], found.tangential_cd[chosen])
     # a contact without a tangential force has no direction to slide in
     limit = found.limit.at_limit_c & found.tangential_cd.any(axis=1)
-    network = network_among(scene.packing, contacts, kept, scene.effects, spin_turns(scene.packing))
+    network = network_among(scene.packing, contacts, kept, scene.effects, scene.packing.spin_nkk)
     return FrictionalNetwork(
         network, forces, closed_terms(scene, contacts), chosen, limit[chosen], found.limit.doubtful_c[chosen]
     )
@@ -218,10 +98,8 @@ def frictional_system(
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
     network, terms, friction = found.network, found.terms, acting_friction(scene)
     coefficient, stiffness = (0.0, 0.0) if friction is None else (friction.coefficient, friction.stiffness)
-    contacts = network.contacts
-    assert isinstance(contacts, Contacts)
-    elements, beyond = tangential_elements(
-        contacts,
+    contacts, beyond = tangential_elements(
+        network.contacts,
         network.packing.radius_n,
         terms.first_c,
         terms.second_c,
@@ -231,9 +109,7 @@ def frictional_system(
         sliding_c,
         kind,
     )
-    single = single_second(scene, network, kind)
-    assembled = assemble([elements], network.turn_nkt, network.dimension, single_nqq=single)
-    return System(network, terms, (elements,), assembled), beyond
+    return assembled_system(scene, network, kind, contacts=contacts), beyond
 
 
 class SlidingResponse(NamedTuple):
@@ -281,7 +157,7 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
     return SlidingResponse(system, relaxation, sliding, False)
 
 
-@honors("repulsion friction", at_rest=True, shaped="pm.hessian")
+@honors("repulsion friction links shapes", at_rest=True)
 def stiffness_matrix(
     scene: Scene,
     strain: BoxStrain = "free",
@@ -297,12 +173,13 @@ def stiffness_matrix(
     angles times the radius of gyration, so that all are lengths; then the Mandel strains, whose rows are stresses times
     the volume. Tangential springs grow by the slip and turn with their contacts, as in the engine. It is symmetric
     where no contact carries a tangential force and none slides. Without friction, or with a coefficient of 0, its part
-    for positions and strains is `hessian`.
+    for positions and strains is `hessian` where discs and spheres are not linked. Rotations are about the principal
+    axes of the particles. Links, which are constraints, add what their forces do as they turn.
 
     Parameters
     ----------
     scene
-        The scene, without links.
+        The scene.
     strain
         "none", or "free": with all strains appended.
     kind
@@ -332,7 +209,7 @@ def stiffness_matrix(
 
     """
     instance("scene", scene, Scene)
-    check_frictional(scene, kind, contacts_at_limit)
+    check_frictional(kind, contacts_at_limit)
     one_of("strain", strain, STRAINS)
     if strain not in ("none", "free"):
         raise ValueError(f"strain must be 'none' or 'free' for pm.stiffness_matrix, got {strain!r}")
@@ -412,7 +289,7 @@ class FrictionalModes:
         return np.asarray(np.abs(self.eigenvalue_m) <= _ZERO * self.largest)
 
 
-@honors("repulsion friction", at_rest=True, shaped="pm.normal_modes")
+@honors("repulsion friction links shapes", at_rest=True)
 def frictional_modes(
     scene: Scene,
     count: int | None = None,
@@ -431,7 +308,7 @@ def frictional_modes(
     Parameters
     ----------
     scene
-        The scene; its packing should be at rest.
+        The scene; its packing should be at rest. Links keep their lengths.
     count
         How many modes, counted from zero by the size of the eigenvalue and without the d translations; None for all. A
         packing with fewer gives those it has.
@@ -463,7 +340,7 @@ def frictional_modes(
     """
     start = time.process_time()
     instance("scene", scene, Scene)
-    check_frictional(scene, kind, contacts_at_limit)
+    check_frictional(kind, contacts_at_limit)
     one_of("method", method, ("auto", "dense", "shift-invert"))
     wanted = None if count is None else integer("count", count, at_least=1)
     packing = scene.packing
@@ -480,18 +357,23 @@ def frictional_modes(
         for a in range(d):
             shift[a :: d + k, a] = root[a :: d + k]
         shift /= np.sqrt((root[:: d + k] ** 2).sum()) if len(index) else 1.0
-        available = max(len(root) - d, 0)
+        rows = sp.csr_array(network.link_rows[0].multiply(1.0 / root[None, :]))
+        available = max(len(root) - d - rows.shape[0], 0)
         wanted = available if wanted is None else min(wanted, available)
         largest = float(abs(matrix).sum(axis=0).max()) if len(root) else 0.0
         small = len(root) <= _DENSE_ROWS or count is None or wanted > len(root) // 4
         # Arnoldi's method needs room beyond the modes that it finds
-        dense = method == "dense" or (method == "auto" and small) or wanted > len(root) - d - 4
+        dense = method == "dense" or (method == "auto" and small) or wanted > available - 4
         if dense and len(root) > _DENSE_LIMIT:
             raise ValueError(
                 f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {count} of {len(root)}"
             )
-        value, vector = (_dense_modes if dense else _modes_near_zero)(matrix, shift, largest, wanted, symmetric)
+        value, vector = (_dense_modes if dense else _modes_near_zero)(matrix, shift, rows, largest, wanted, symmetric)
         error = matrix @ vector - vector * value
+        if rows.shape[0]:
+            # links bear what would stretch them
+            solve, left = general_factors(rows @ rows.T).solve, rows @ error
+            error -= rows.T @ (solve(left.real) + 1j * solve(left.imag))
     worst = float(np.sqrt((np.abs(error) ** 2).sum(axis=0)).max(initial=0.0))
     vector = (vector / root[:, None]).T.reshape(len(value), len(index), d + k)
     motion = np.zeros((len(value), packing.particles, d), dtype=complex)
@@ -506,7 +388,7 @@ def frictional_modes(
         available=available,
         symmetric=symmetric,
         largest=largest,
-        force_residual=contact_forces(scene).residual,
+        force_residual=resting_forces(scene).residual,
         index_n=index,
         method="dense" if dense else "shift-invert",
         seconds=time.process_time() - start,
@@ -528,35 +410,52 @@ def _sorted_modes(
 
 
 def _dense_modes(
-    matrix: sp.csr_array, shift_xd: NDArray[np.float64], largest: float, wanted: int, symmetric: bool
+    matrix: sp.csr_array,
+    shift_xd: NDArray[np.float64],
+    links: sp.csr_array,
+    largest: float,
+    wanted: int,
+    symmetric: bool,
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return modes by diagonalization of the matrix across the translations."""
-    rows, d = shift_xd.shape
+    """Return modes by diagonalization of the matrix across the translations and what stretches links."""
     if not wanted:
-        return np.zeros(0, dtype=complex), np.zeros((rows, 0), dtype=complex)
-    across = np.linalg.qr(shift_xd, mode="complete")[0][:, d:]
+        return np.zeros(0, dtype=complex), np.zeros((len(shift_xd), 0), dtype=complex)
+    forbidden = np.hstack([shift_xd, links.T.toarray()])
+    across = np.linalg.qr(forbidden, mode="complete")[0][:, forbidden.shape[1] :]
     inside = across.T @ (matrix @ across)
     value, vector = np.linalg.eigh((inside + inside.T) / 2.0) if symmetric else np.linalg.eig(inside)
     return _sorted_modes(value, across @ vector, wanted)
 
 
 def _modes_near_zero(
-    matrix: sp.csr_array, shift_xd: NDArray[np.float64], largest: float, wanted: int, symmetric: bool
+    matrix: sp.csr_array,
+    shift_xd: NDArray[np.float64],
+    links: sp.csr_array,
+    largest: float,
+    wanted: int,
+    symmetric: bool,
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return modes by Arnoldi's method on the factored matrix, across the translations."""
+    """Return modes by Arnoldi's method on the factored matrix, across the translations and what stretches links."""
     rows = len(shift_xd)
     sigma = -_NEAR * (largest or 1.0)
-    factor = general_factors(matrix - sigma * sp.eye_array(rows))
+    shifted = matrix - sigma * sp.eye_array(rows)
+    if links.shape[0]:
+        # the forces of links are further unknowns
+        side = largest * links
+        factor = spla.splu(sp.csc_array(sp.block_array([[shifted, side.T], [side, None]])))
+    else:
+        factor = general_factors(shifted)
+    forces = np.zeros(links.shape[0])
 
     def across(vector: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(vector - shift_xd @ (shift_xd.T @ vector))
 
     inverse = spla.LinearOperator(
-        (rows, rows), matvec=lambda v: across(factor.solve(across(v.ravel()))), dtype=np.float64
+        (rows, rows), matvec=lambda v: across(factor.solve(np.append(across(v.ravel()), forces))[:rows]), dtype=float
     )
-    begin = across(np.random.default_rng(0).normal(size=rows))
+    begin = inverse.matvec(np.random.default_rng(0).normal(size=rows))
     # some in reserve, so that a pair is whole
-    count = min(wanted + 2, rows - 2)
+    count = min(wanted + 2, rows - links.shape[0] - 2)
     solver = spla.eigsh if symmetric else spla.eigs
     value, vector = solver(inverse, k=count, v0=begin, ncv=min(rows, max(2 * count + 1, count + 40)), which="LM")
     return _sorted_modes(sigma + 1.0 / value, vector, wanted)

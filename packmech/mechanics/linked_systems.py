@@ -165,6 +165,7 @@ _SOLVING_SLACK = 1e-6
 class Operator(Protocol):
     """A symmetric matrix on a space of motions."""
 
+    matrix: sp.csr_array
     size: int
     motions: int
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import STRAINS, BoxStrain, finite_array, instance, one_of, real
-from packmech.contacts.shape_rattlers import free_turns
+from packmech.contacts import Contacts
+from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.mechanics.modes import signed_columns
@@ -23,6 +24,7 @@ from packmech.mechanics.self_stress import RANK_TOLERANCE, floppy_modes
 from packmech.mechanics.system import system_of
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import Beads
 
 # largest memory of the modes [bytes]
 _BASIS_BYTES = 3e9
@@ -127,7 +129,7 @@ def quartic_modes(
     start = time.process_time()
     instance("scene", scene, Scene)
     one_of("strain", strain, STRAINS)
-    if scene.packing.shapes is None:
+    if not scene.packing.turn_nkt.shape[1]:
         raise ValueError("scene.packing must have shapes, got one of discs or spheres: ask pm.floppy_modes")
     with single_thread():
         found = system_of(scene, gap_tolerance=gap_tolerance)
@@ -146,7 +148,7 @@ def quartic_modes(
         # a body that turns freely comes to rest against another, which it does not push: that contact holds nothing
         force_c = np.abs(found.terms.first_c)
         bearing = np.flatnonzero(force_c > _IDLE * force_c.mean())
-        basis, free = _without(basis, free_turns(network.packing, network.shape_contacts.select(bearing)))
+        basis, free = _without(basis, free_turns(network.packing, network.contacts.select(bearing)))
         moved = whole @ basis[:size]
         if strains:
             coupling = found.column(everything)
@@ -194,6 +196,44 @@ def _without(basis_xk: NDArray[np.float64], free_fnq: NDArray[np.float64]) -> tu
     return np.asarray(basis_xk @ np.linalg.qr(inside, mode="complete")[0][:, count:]), count
 
 
+def free_turns(packing: Packing, contacts: Contacts | ShapeContacts) -> NDArray[np.float64]:
+    """Return (F, N, d + K) turns of rigid bodies about all the beads with which they touch others; none of ellipses.
+
+    Displacements of the centers and turns as lengths (`Beads.turn_basis`): no contact changes along them, at whatever
+    amplitude, until other beads touch. Nothing resists a turn about the only bead that is touched, nor in space about
+    a line of those that are. Rattlers must have been taken out.
+    """
+    shapes, d = packing.shapes, packing.dimension
+    turn = packing.turn_nkt
+    width = d + turn.shape[1]
+    found: list[NDArray[np.float64]] = []
+    if isinstance(shapes, Beads) and len(contacts):
+        site = np.unique(np.concatenate([contacts.pairs.i_c, contacts.pairs.j_c]))
+        owner, arm = shapes.particle_b[site], shapes.arms(packing.radius_n)
+        for n in np.unique(owner):
+            mine = site[owner == n]
+            aside = shapes.offset_bd[mine] - shapes.offset_bd[mine[0]]
+            spanned = np.linalg.matrix_rank(aside, tol=1e-9)
+            there = np.flatnonzero((turn[n] != 0.0).any(axis=1))
+            share = np.zeros((0, turn.shape[1]))
+            if spanned == 0:
+                share = np.eye(turn.shape[1])[there]
+            elif spanned == 1 and len(there) == 3:
+                # a row of beads does not turn about itself, which is no turn of it
+                line = arm[mine[np.argmax((aside**2).sum(axis=1))]] - arm[mine[0]]
+                share = np.linalg.solve(turn[n].T, line)[None]
+            for one in share:
+                motion = np.zeros((packing.particles, width))
+                rotation = one @ turn[n]
+                beside = np.zeros(3)
+                beside[:d] = arm[mine[0]]
+                about = np.array([0.0, 0.0, rotation[0]]) if d == 2 else rotation
+                motion[n, :d] = -np.cross(about, beside)[:d]
+                motion[n, d:] = one
+                found.append(motion)
+    return np.array(found).reshape(len(found), packing.particles, width)
+
+
 def _none(scene: Scene, width: int, start: float) -> QuarticModes:
     """Return the answer for a packing whose particles all rattle."""
     n, d = scene.packing.position_nd.shape
@@ -231,13 +271,7 @@ def displaced(packing: Packing, displacement_nd: ArrayLike, turn_nk: ArrayLike |
     """
     instance("packing", packing, Packing)
     moved = finite_array("displacement_nd", displacement_nd, shape=packing.position_nd.shape)
-    shapes = packing.shapes
-    if shapes is None:
-        if turn_nk is not None and np.size(turn_nk):
-            raise ValueError(f"turn_nk must be left out for discs or spheres, got shape {np.shape(turn_nk)}")
-        return packing.replace(position_nd=packing.position_nd + moved)
-    if turn_nk is not None:
-        basis = shapes.turn_basis(packing.radius_n)
-        turn = finite_array("turn_nk", turn_nk, shape=basis.shape[:2])
-        shapes = shapes.turned(np.einsum("nk,nkt->nt", turn, basis))
-    return packing.replace(position_nd=packing.position_nd + moved, shapes=shapes)
+    turn = np.zeros(packing.turn_nkt.shape[:2])
+    if turn_nk is not None and np.size(turn_nk):
+        turn = finite_array("turn_nk", turn_nk, shape=turn.shape)
+    return packing.moved(np.hstack([moved, turn]))

@@ -9,8 +9,8 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from packmech.linalg.factor import NotDefinite, factorize
-from packmech.mechanics.linked_systems import linked_system, relax_linked, soft_shift
+from packmech.linalg.factor import NotDefinite, factor_saddle, factorize
+from packmech.mechanics.linked_systems import LinkedSystem, linked_system, relax_linked, soft_shift
 from packmech.mechanics.system import System
 
 # a matrix whose transpose differs by less, over its largest entry, is symmetric but for rounding
@@ -23,7 +23,7 @@ class Relaxation(NamedTuple):
 
     `negative` and `floppy` count negative and zero eigenvalues, of the symmetric part where there is no energy: motions
     whose second-order work is negative or none. `residual` is what stays unbalanced, over the largest force of a
-    contact under a unit strain. Motions are those of all coordinates; zeros where there are links.
+    contact under a unit strain. Motions are those of all coordinates; zeros where an energy has links.
     """
 
     relief_ee: NDArray[np.float64]
@@ -59,8 +59,13 @@ def relax(system: System) -> Relaxation:
     matrix, right, push = system.matrix(pinned), -system.column(pinned), system.push
     motion = np.zeros((pinned.size, strains))
     if len(system.links):
-        gradient, stretch = system.links.independent_rows()
+        gradient, stretch = system.network.link_rows
         linked = linked_system(matrix, gradient[:, pinned])
+        if not system.assembled.symmetric:
+            solution, negative, floppy, left = _solve_linked(linked, right, -stretch, system.network.dimension)
+            motion[pinned] = solution[: len(right)]
+            held = np.vstack([system.row(pinned).T, linked.stiffness * stretch])
+            return Relaxation(-held.T @ solution, negative, floppy, left / push if push else 0.0, motion)
         found = relax_linked(linked, right, -stretch, push, system.network.dimension)
         return Relaxation(found.relief, found.negative, found.floppy, found.residual, motion)
     if system.assembled.symmetric:
@@ -110,6 +115,26 @@ def _solve_general(matrix: sp.csr_array, right: NDArray[np.float64]) -> tuple[ND
     solution = np.asarray(solve(right))
     solution, size = _refine(matrix, right, solve, solution, right - matrix @ solution, gain=0.5)
     return solution, negative, floppy, size
+
+
+def _solve_linked(
+    system: LinkedSystem, right: NDArray[np.float64], lengths: NDArray[np.float64], dimension: int
+) -> tuple[NDArray[np.float64], int, int, float]:
+    """Return the same of a system without symmetry, with the links' forces (over the unit of their rows) appended."""
+    even, count = sp.csr_array(system.matrix + system.matrix.T) / 2.0, system.gradient.shape[0]
+    shift = soft_shift(even)
+    lower, upper = (
+        factor_saddle(
+            sp.csr_array(even + sp.diags_array(sign * shift)), system.gradient, dimension, stiffness=system.stiffness
+        ).inertia.negative
+        - count
+        for sign in (-1.0, 1.0)
+    )
+    load = np.vstack([right, system.stiffness * lengths])
+    solve = spla.splu(sp.csc_array(system.exact + sp.diags_array(np.concatenate([shift, np.zeros(count)])))).solve
+    solution = np.asarray(solve(load))
+    solution, size = _refine(system.exact, load, solve, solution, load - system.exact @ solution, gain=0.5)
+    return solution, upper, lower - upper, size
 
 
 def _shifted(matrix: sp.csr_array) -> tuple[Any, int, int]:

@@ -10,40 +10,13 @@ from packmech.check import STRAINS, BoxStrain, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.contacts import Contacts, find_contacts
+from packmech.contacts import Contacts
 from packmech.contacts.elements import PairGeometry, distance_rows
-from packmech.contacts.rattlers import check_contacts
-from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.contacts.given import contacts_of
+from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.honors import honors
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.packing import Packing
-
-
-def contacts_of(packing: Packing, contacts: Contacts | None, gap_tolerance: float | None) -> Contacts:
-    """Return the given contacts after checking that they fit the packing, or else those within the gap tolerance."""
-    instance("packing", packing, Packing)
-    if contacts is None:
-        return find_contacts(packing, gap_tolerance=gap_tolerance)
-    check_contacts(packing, contacts)
-    return contacts
-
-
-def any_contacts_of(
-    packing: Packing, contacts: Contacts | ShapeContacts | None, gap_tolerance: float | None
-) -> Contacts | ShapeContacts:
-    """Return the same of a packing with shapes or without."""
-    instance("packing", packing, Packing)
-    if packing.shapes is None:
-        if isinstance(contacts, ShapeContacts):
-            raise TypeError("contacts must be Contacts for a packing of discs or spheres, got ShapeContacts")
-        return contacts_of(packing, contacts, gap_tolerance)
-    if contacts is None:
-        return find_shape_contacts(packing, gap_tolerance=gap_tolerance)
-    if not isinstance(contacts, ShapeContacts):
-        raise TypeError(f"contacts must be ShapeContacts for a packing with shapes, got {type(contacts).__name__}")
-    if contacts.particles != packing.particles or contacts.shapes != packing.shapes:
-        raise ValueError("contacts must be those of the packing, with its shapes as they are turned, got others")
-    return contacts
 
 
 def strain_columns(contacts: PairGeometry) -> NDArray[np.float64]:
@@ -102,8 +75,8 @@ def rigidity_matrix(
 
     """
     one_of("strain", strain, STRAINS)
-    found = any_contacts_of(packing, contacts, gap_tolerance)
-    position, columns = distance_rows(found, packing.turn_nkt), strain_columns(found)
+    found = contacts_of(packing, contacts, gap_tolerance)
+    position, columns = distance_rows(found), strain_columns(found)
     if strain == "none":
         return position
     if strain != "free":
@@ -176,7 +149,7 @@ def constrained_rigidity_matrix(
     strain: BoxStrain = "free",
     *,
     strain_scale: float | None = 1.0,
-    contacts: Contacts | None = None,
+    contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
 ) -> NDArray[np.float64]:

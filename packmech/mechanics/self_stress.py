@@ -20,6 +20,7 @@ from packmech.check import STRAINS, BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.elements import distance_rows
+from packmech.contacts.given import contacts_of
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -27,7 +28,7 @@ from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
 from packmech.linalg.mandel import strain_directions
 from packmech.mechanics.linked_systems import rows_on
 from packmech.mechanics.modes import signed_columns
-from packmech.mechanics.rigidity import any_contacts_of, strain_columns
+from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing
 
 METHODS = ("auto", "dense", "sparse")
@@ -155,7 +156,7 @@ def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeCont
     turn = packing.turn_nkt
     there = np.hstack([np.ones((packing.particles, dimension), dtype=bool), (turn != 0.0).any(axis=2)])
     width, absent = there.shape[1], np.flatnonzero(~there.ravel())
-    position, side = distance_rows(contacts, turn), strain_columns(contacts) @ admitted
+    position, side = distance_rows(contacts), strain_columns(contacts) @ admitted
     # rank does not depend on the size of the strain columns, its tolerance does: give them the mean size of the others
     mean = np.sqrt(2.0 * len(contacts) / (packing.particles * dimension)) if len(contacts) else 1.0
     size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
@@ -238,7 +239,7 @@ def _prepare(
     real("rank_tolerance", tolerance, above=0.0, below=0.1)
     positive("basis_limit", limit)
     instance("packing", packing, Packing)
-    found = any_contacts_of(packing, contacts, gap_tolerance)
+    found = contacts_of(packing, contacts, gap_tolerance)
     problem = _problem(packing, strain, found)
     if method == "auto":
         method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"

@@ -20,7 +20,14 @@ from packmech.constraints.redundancy import workable_links
 from packmech.effects import held_particles, lacking_second
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
-from packmech.mechanics.linked_systems import SOFT, FreeOperator, LinkedOperator, Operator, Solve, operator_of, rows_on
+from packmech.mechanics.linked_systems import (
+    SOFT,
+    Operator,
+    Solve,
+    link_motions,
+    operator_of,
+    rows_on,
+)
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.system import assembled_system
 from packmech.scene import Scene
@@ -167,8 +174,6 @@ def stability_bound(stiffest: float, unbalanced: float, radius: float) -> float:
 
 def _unknown(scene: Scene) -> str:
     """Return why there is no second derivative, or nothing where there is one."""
-    if acting_friction(scene) is not None and (scene.packing.shapes is not None or scene.packing.links is not None):
-        return "friction of shapes or links at rest has no second derivative"
     lacking = lacking_second(scene.effects)
     if lacking and scene.packing.shapes is not None:
         # pairs are checked where an effect is registered
@@ -177,17 +182,12 @@ def _unknown(scene: Scene) -> str:
 
 
 def _stiffest(operator: Operator) -> float:
-    return float(np.abs(_matrix(operator).diagonal()).max(initial=0.0))
+    return float(np.abs(operator.matrix.diagonal()).max(initial=0.0))
 
 
 def _row_sum(operator: Operator) -> float:
     """Return a bound on every curvature."""
-    return float(np.asarray(abs(_matrix(operator)).sum(axis=1)).max(initial=0.0))
-
-
-def _matrix(operator: Operator) -> Any:
-    assert isinstance(operator, FreeOperator | LinkedOperator)
-    return operator.matrix
+    return float(np.asarray(abs(operator.matrix).sum(axis=1)).max(initial=0.0))
 
 
 def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
@@ -204,7 +204,8 @@ def _whole(scene: Scene) -> Network:
     """Return all particles with their contacts, but for those between held ones."""
     packing, effects = scene.packing, scene.effects
     network = contact_network(packing, effects, rattlers="keep")
-    if packing.links is not None and (packing.links.i_l != packing.links.j_l).all():
+    links = packing.rigid_links
+    if len(links) and (links.i_l != links.j_l).all():
         # refuses links that hold to second order only, whose forces are not determined
         network = replace(network, links=ConstraintFactor(packing, workable_links(packing)))
     held = held_particles(effects, packing.particles)
@@ -221,13 +222,15 @@ def _sticking(scene: Scene, unbalanced: float) -> Stability:
     second-order work is. That is asked first, because it bounds the eigenvalues and a factorization answers it.
     """
     found = frictional_network(scene, "keep")
-    none = np.zeros(len(found.at_limit_c), dtype=bool)
+    network, none = found.network, np.zeros(len(found.at_limit_c), dtype=bool)
     matrix = frictional_system(scene, found, "exact", none)[0].matrix()
     bound = max(_CERTAIN_STICKING * float(np.abs(matrix.diagonal()).max(initial=0.0)), _SIDEWAYS * unbalanced)
-    even = FreeOperator(sp.csr_array(0.5 * (matrix + matrix.T)))
+    rows = sp.csr_array(network.link_rows[0][:, network.free_f])
+    even = operator_of(sp.csr_array(0.5 * (matrix + matrix.T)), rows, network.dimension)
     negative = even.below(-bound) if bound > 0.0 else 0
-    if negative and matrix.shape[0] <= _DENSE:
-        negative = int((np.linalg.eigvals(matrix.toarray()).real < -bound).sum())
+    if negative and (matrix.shape[0] <= _DENSE or rows.shape[0]):
+        across = link_motions(rows)
+        negative = int((np.linalg.eigvals(across.T @ (matrix @ across)).real < -bound).sum())
     elif negative:
         low = bound
         while even.below(-2.0 * low):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from packmech.check import Kind
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
-from packmech.contacts.elements import Elements, elements_of
+from packmech.contacts.elements import Elements, elements_of, sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.effects import (
     ContactTerms,
@@ -33,7 +33,7 @@ from packmech.effects import (
 )
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.measure.bonds import refuse_tangential_springs
-from packmech.mechanics.assembly import Assembled, assemble, slopes_of
+from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.network import Network, contact_network
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -170,8 +170,7 @@ def system_of(
 
     """
     packing, effects = scene.packing, scene.effects
-    if packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
+    refuse_unknown_to_shapes(scene)
     if acts_on_single(effects):
         needs_second(effects, "second derivatives")
     network = contact_network(packing, effects, gap_tolerance=gap_tolerance, rattlers=rattlers)
@@ -185,12 +184,16 @@ def assembled_system(
     *,
     strained: bool = True,
     link_stiffness: float = 0.0,
+    contacts: Elements | None = None,
 ) -> System:
-    """Return the second derivatives of a scene's energy on a network; with springs along the links where asked for."""
+    """Return the second derivatives of a scene's energy on a network; with springs along the links where asked for.
+
+    Contacts are those of pairs whose energies depend on their distances alone, unless others are given.
+    """
     one = network.contacts
     terms = closed_terms(scene, one)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
-    elements = [elements_of(one, first, terms.second_c)]
+    elements = [elements_of(one, first, terms.second_c) if contacts is None else contacts]
     if interactions_of(scene.effects):
         elements.append(find_interactions(scene.packing, scene.effects).among(network.index_n).elements(kind))
     if network.bonded is not None:
@@ -229,17 +232,13 @@ def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArr
     if not acts_on_single(effects):
         return None
     d, turn, index = network.dimension, network.turn_nkt, network.index_n
-    count, turns, rotations = turn.shape
-    if packing.shapes is not None:
-        terms = shaped_terms(effects, packing)
-        change = np.zeros((count, d + turns, d + rotations))
-        change[:, :d, :d] = np.eye(d)
-        change[:, d:, d:] = turn
-        second = (terms.stiffness_nxx if kind == "unstressed" else terms.second_nxx)[index]
-        return np.asarray(change @ second @ change.transpose(0, 2, 1))
-    whole = np.zeros((count, d + turns, d + turns))
-    whole[:, :d, :d] = (single_terms(effects, packing).second_ndd + _differences(effects, packing))[index]
-    return whole
+    terms = shaped_terms(effects, packing)
+    second = (terms.stiffness_nxx if kind == "unstressed" else terms.second_nxx)[index]
+    second[:, :d, :d] += _differences(effects, packing)[index]
+    change = np.zeros((len(turn), d + turn.shape[1], second.shape[1]))
+    change[:, :d, :d] = np.eye(d)
+    change[:, d:, d : d + turn.shape[2]] = turn
+    return np.asarray(change @ second @ change.transpose(0, 2, 1))
 
 
 def _differences(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.float64]:
@@ -262,7 +261,8 @@ def _differences(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.float
 
 def _tension(scene: Scene, network: Network, elements: list[Elements]) -> NDArray[np.float64]:
     """Return the (L,) forces in the links that balance the elements, and what acts on particles that can move."""
-    push = np.sum([slopes_of(one, network.turn_nkt) for one in elements], axis=0)[:, : network.dimension]
+    d, turn = network.dimension, network.turn_nkt
+    push = np.sum([sum_slopes(one.i_c, one.j_c, one.pull_cx, turn, d) for one in elements], axis=0)[:, :d]
     if network.anchored:
         push -= single_terms(scene.effects, scene.packing).force_nd[network.index_n]
     return network.links.multipliers(push, np.asarray(network.free_nq.any(axis=1)))

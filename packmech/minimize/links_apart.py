@@ -92,7 +92,7 @@ def separate_links(
 def _links_can_cross(packing: Packing) -> bool:
     """Return whether links can cross: there are bonds, in two dimensions, not much longer than the box."""
     links = packing.links
-    if links is None or packing.dimension != 2 or links.shape_l is None or links.shape_l.all():
+    if links is None or packing.dimension != 2 or links.shape_l.all():
         return False
     return bool(links.length_l[~links.shape_l].max() < 2.0 * packing.box.height_d.min())
 

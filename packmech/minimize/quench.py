@@ -416,11 +416,7 @@ class _Descent:
 
 def _displaced(packing: Packing, direction_nq: NDArray[np.float64]) -> Packing:
     """Return the packing after displacements and turns, its links at their lengths."""
-    d, shapes = packing.dimension, packing.shapes
-    moved = packing.replace(position_nd=packing.position_nd + direction_nq[:, :d])
-    if shapes is not None:
-        turn_nt = np.einsum("nk,nkt->nt", direction_nq[:, d:], shapes.turn_basis(packing.radius_n))
-        return moved.replace(shapes=shapes.turned(turn_nt))
+    moved = packing.moved(direction_nq)
     return moved if packing.links is None else ConstraintFactor(packing, workable_links(packing)).projected(moved)
 
 

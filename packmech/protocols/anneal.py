@@ -21,7 +21,7 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
 from packmech.protocols.pressure_path import follow_jammed
-from packmech.protocols.protocol import Protocol, check_jammed, finish, is_jammed, pairs_of, report_start, sequence
+from packmech.protocols.protocol import Protocol, check_jammed, finish, is_jammed, report_start, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
@@ -332,7 +332,8 @@ def _jammed_again(
     def finished(outcome: Outcome) -> Run:
         # pairs of particles: their shapes may be others than before
         was, now = (
-            {pair[: 2 + before.dimension] for pair in pairs_of(touching_pairs(one))} for one in (before, protocol.last)
+            set(zip(one.i_c.tolist(), one.j_c.tolist(), map(tuple, one.image_cd.tolist()), strict=True))
+            for one in (touching_pairs(before), touching_pairs(protocol.last))
         )
         # those that the way down in pressure counts are not all
         protocol.report.pop("rearrangements", None)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from packmech.check import BoxStrain, instance, integer, one_of, positive
+from packmech.contacts.pairs import pair_names
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.minimize.second_order.soft_network import isochoric_part
@@ -24,7 +25,6 @@ from packmech.protocols.protocol import (
     at_packing_fraction,
     follow_series,
     is_jammed,
-    pairs_of,
     report_changes,
     sequence,
 )
@@ -166,7 +166,7 @@ class _Ascent:
             found = find_onset(protocol, self.nearest)
             if found is None:
                 return None
-            return _Onset(found.state.packing, found.fraction, found.depth, pairs_of(found.contacts))
+            return _Onset(found.state.packing, found.fraction, found.depth, set(pair_names(found.contacts)))
         near: Packing | None = protocol.scene.packing
         if is_jammed(protocol.scene):
             near = PressurePath(protocol).go_down()
@@ -178,11 +178,11 @@ class _Ascent:
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
         state = follow_pressure(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
         onset = protocol.report["jamming_packing_fraction"]
-        return _Onset(state.packing, onset, depth, pairs_of(hard.contacts))
+        return _Onset(state.packing, onset, depth, set(pair_names(hard.contacts)))
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""
-        end, least = math.log(goal), max(self.tolerance, 1e-7)
+        end, least, lengths = math.log(goal), max(self.tolerance, 1e-7), replace(_LENGTHS)
 
         def denser(packing: Packing, place: float) -> Packing:
             return at_packing_fraction(packing, onset + (goal if place == end else math.exp(place)))
@@ -197,10 +197,11 @@ class _Ascent:
 
         def rearrange(packing: Packing, place: float, further: float) -> Step[Packing, str] | None:
             self.rearrangements += 1
+            lengths.grow()
             self.tried = self._rearranged(denser(packing, further))
             return Step(self.tried.packing, further, "rearranged") if self.tried.sound(least) else None
 
-        for _ in follow(reach, packing, math.log(depth), end, replace(_LENGTHS), rearrange):
+        for _ in follow(reach, packing, math.log(depth), end, lengths, rearrange):
             pass
         return self.tried
 

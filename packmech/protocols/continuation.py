@@ -48,7 +48,7 @@ class StepLengths:
     longest
         What it may grow to.
     growth
-        Factor by which it grows after a step without event, unless that had to be halved.
+        Factor by which it grows after a step without event.
     shortest
         Length up to which a step that fails is not halved any more: the path is asked to go on otherwise.
     least
@@ -65,28 +65,19 @@ class StepLengths:
     least: float | None = None
     left: float = 0.0
 
-    def __post_init__(self) -> None:
-        self._halved = False
-
     def ahead(self, place: float, goal: float) -> float:
         """Return where the next step ends."""
         if abs(goal - place) <= self.next + self.left:
             return goal
         return place + math.copysign(self.next, goal - place)
 
-    def restart(self, length: float) -> None:
-        """Make this the next step, whatever those before."""
-        self.next, self._halved = length, False
-
     def halve(self, length: float) -> None:
         """Make the next step half as long as one that failed."""
-        self.next, self._halved = 0.5 * length, True
+        self.next = 0.5 * length
 
     def grow(self) -> None:
         """Let the next step grow."""
-        if not self._halved:
-            self.next = min(self.longest, self.growth * self.next)
-        self._halved = False
+        self.next = min(self.longest, self.growth * self.next)
 
 
 def follow(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
 
 from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.honors import declare
@@ -12,31 +11,22 @@ from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
-from packmech.protocols.method import JamMethod, held_columns, registered_methods
+from packmech.protocols.method import JamMethod, held_columns
 from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
 from packmech.protocols.protocol import Protocol, is_jammed, report_start
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
-# what methods that ship honor; one of a user's may honor more
+# methods that ship, and what they honor; one of a user's may honor more
+_SHIPPED: tuple[type[JamMethod], ...] = (HardVertex, ProgramChain, Decompression, Press, StepHalving)
 _HONORED = declare(
-    "jam", "repulsion friction links shapes", at_rest=True, apart="friction+links friction+shapes"
+    "jam", "repulsion friction links shapes", at_rest=True
 )  # fmt: skip
-# the first of them that suits a scene is taken where none is named
+# where a method that does not know both strains works, in words
+_WHERE = {"isotropic": "in a box of fixed shape", "free": "with free strains"}
+# the first of these that suits a scene is taken where none is named
 _DEFAULTS: tuple[JamMethod, ...] = (HardVertex(), Decompression(), Press())
-
-
-def check_method(method: Any) -> None:
-    """Raise TypeError for what is no method of `jam`."""
-    if not isinstance(method, JamMethod):
-        *names, last = (one.__name__ for one in registered_methods())
-        raise TypeError(f"method must be {', '.join(names)} or {last}, got {method!r}")
-
-
-def _default_method(scene: Scene, strain: BoxStrain) -> JamMethod:
-    """Return the method for a scene that names none: the first of those that suit it."""
-    return next((method for method in _DEFAULTS if method.suits(scene, strain)), _DEFAULTS[0])
 
 
 def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
@@ -45,28 +35,26 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
     Raises
     ------
     ValueError
-        Naming the methods that do.
+        Naming the methods of packmech that do.
 
     """
     if method.suits(scene, strain):
         return
-    named = {"isotropic": " in a box of fixed shape", "free": " with free strains"}
-    suitable = []
-    for one in registered_methods():
-        known = [each for each in named if one.suits(scene, each)]
-        if known:
-            suitable.append(one.__name__ + ("" if len(known) == len(named) else named[known[0]]))
-    if not suitable:
-        raise ValueError(
-            "scene must have no friction for a packing with links or shapes, which cannot be pressed, got Friction: "
-            "leave it out with scene.without(pm.Friction)"
-        )
+    always, sometimes = list[str](), list[str]()
+    for one in _SHIPPED:
+        known = [each for each in ("isotropic", "free") if one.suits(scene, each)]
+        if len(known) == 2:
+            always.append(one.__name__)
+        elif known:
+            sometimes.append(f"{one.__name__} {_WHERE[known[0]]}")
+    *others, last = [*always, *sometimes]
+    names = f"{', '.join(others)}, or {last}" if others else last
     held, where, way = held_columns(scene), "", ""
     if "friction" in held:
         where, way = " for a scene with friction", ": leave friction out with scene.without(pm.Friction)"
     elif held:
         where = ", for a packing with links or shapes"
-    raise ValueError(f"method must be {', or '.join(suitable)}{where}, got {method!r}{way}")
+    raise ValueError(f"method must be {names}{where}, got {method!r}{way}")
 
 
 def jam(
@@ -110,8 +98,8 @@ def jam(
         shape.
     method
         HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links or shapes,
-        where only it and StepHalving with a fixed box know the way), Press() (with friction the default, and the only
-        one; without links), or one of one's own (`JamMethod`); their parameters are those of the protocol.
+        where only it, Press and StepHalving with a fixed box know the way), Press() (with friction the default, and the
+        only one), or one of one's own (`JamMethod`); their parameters are those of the protocol.
     start
         "continue", or "fresh": a jammed packing is scaled to the start of the protocol, too. Where strains become free
         that bore a shear stress, packings with links or shapes are compressed again, and `report["start"]` is "fresh".
@@ -173,8 +161,10 @@ def jam(
             raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
     if method is None:
-        method = _default_method(scene, strain)
-    check_method(method)
+        method = next((one for one in _DEFAULTS if one.suits(scene, strain)), _DEFAULTS[0])
+    if not isinstance(method, JamMethod):
+        *names, last = (one.__name__ for one in _SHIPPED)
+        raise TypeError(f"method must be {', '.join(names)} or {last}, got {method!r}")
     honored = dict.fromkeys((*_HONORED.columns, *method.honors.get(strain, "").split()))
     replace(_HONORED, columns=tuple(honored)).check("scene", scene)
     _check_suits(method, scene, strain)

@@ -72,7 +72,7 @@ class Press(JamMethod):
 
     """
 
-    honors = {"isotropic": "friction", "free": "friction"}
+    honors = {"isotropic": "friction links shapes", "free": "friction links shapes"}
 
     rate: float = 1e-4
     drag: float = 0.1
@@ -145,7 +145,7 @@ class Press(JamMethod):
         }
         contacts, rattling = found.contacts, found.rattlers_n
         report["backbone_pressure"] = share = share_of(
-            found.normal_c * contacts.distance_c, ~(rattling[contacts.i_c] | rattling[contacts.j_c])
+            -(found.force_cd * contacts.vector_cd).sum(axis=1), ~(rattling[contacts.i_c] | rattling[contacts.j_c])
         )
         if outcome.ok and outcome is not Outcome.UNJAMMED:
             judged_as = stability(found.scene, found.largest_imbalance)

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.pairs import pair_names
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure as pressure_of
@@ -21,7 +22,7 @@ from packmech.minimize.second_order.soft_newton import (
 )
 from packmech.packing import Packing
 from packmech.protocols.continuation import Step, StepLengths, follow
-from packmech.protocols.protocol import CHANGES, Protocol, pairs_of, report_changes
+from packmech.protocols.protocol import CHANGES, Protocol, report_changes
 from packmech.protocols.soft import equilibrium, extrapolated, search_pressure
 from packmech.result import Outcome
 
@@ -74,10 +75,10 @@ class PressurePath:
         )
         # the packing before, and where on the way it was
         self.before: tuple[Packing, float] | None = None
-        self.pairs = pairs_of(touching_pairs(scene.packing))
+        self.pairs = set(pair_names(touching_pairs(scene.packing)))
         self.tolerance = max(protocol.force_tolerance, _ISOTROPIC)
-        # of the way in hand: its loads, how often it rearranged, the work, and the packing tried last
-        self.way = _Way(1.0, 1.0, None, None)
+        # of the way in hand: its loads, lengths of steps, how often it rearranged, the work, and the packing tried last
+        self.way, self.lengths = _Way(1.0, 1.0, None, None), StepLengths()
         self.rearrangements = self.iterations = 0
         self.tried: SoftState
 
@@ -92,13 +93,13 @@ class PressurePath:
         self.way = way = _Way(self.pressure, protocol.reduced_pressure(pressure), self.rest_dd, rest_dd)
         # a way that almost nothing would be left of cannot be divided
         shortest = max(min(math.log(_MINIMUM_FACTOR), _SHORTEST * way.length), 2.0 * _ALMOST)
-        lengths = StepLengths(math.log(_FIRST), math.log(_FACTOR), 1.5, shortest, left=_ALMOST)
+        self.lengths = StepLengths(math.log(_FIRST), math.log(_FACTOR), 1.5, shortest, left=_ALMOST)
         if rest_dd is not None:
             self.before = None
         with protocol.stage("following the pressure" if rest_dd is None else "following the stress") as figures:
             state = self.tried = standing(self.packing, protocol.units, protocol.basis_kdd, way.load(way.length))
             if not self._there(state):
-                for step in follow(self._reach, self.packing, 0.0, way.length, lengths, self._rearrange):
+                for step in follow(self._reach, self.packing, 0.0, way.length, self.lengths, self._rearrange):
                     self.packing, self.sheared = step.after, False
                     self.pressure, self.rest_dd = way.pressure(step.place), way.rest(step.place)
                     protocol.last = protocol.restored(self.packing)
@@ -133,6 +134,7 @@ class PressurePath:
         state = find_bottom(packing, protocol.units, protocol.basis_kdd, load, self.tolerance)
         self.iterations += state.iterations
         self.tried = state if state.sound(self.tolerance) else search_pressure(protocol, packing, load)
+        self.lengths.grow()
         return self._arrived(further, "rearranged") if self.tried.sound(self.tolerance) else None
 
     def _arrived(self, place: float, event: str | None) -> Step[Packing, str]:
@@ -169,7 +171,7 @@ class PressurePath:
         before, now = self.way.load(place), self.way.load(further)
         if self.sheared:
             # where it stands no enthalpy is at a minimum
-            return pairs_of(touching_pairs(packing)) == pairs_of(touching_pairs(reached))
+            return set(pair_names(touching_pairs(packing))) == set(pair_names(touching_pairs(reached)))
         if isinstance(before, Load) or isinstance(now, Load):
             return stays_on_branch(self.protocol, (packing, reached), (before, now))
         if moved_beyond_affine(packing, reached) > REACH:

@@ -9,7 +9,6 @@ import functools
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,22 +19,20 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts import Contacts, find_contacts
+from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
-from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import contact_terms
+from packmech.contacts.shape_contacts import touching_pairs
+from packmech.effects import contact_terms, refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.loop.run_loop import RunLoop, TimeUp
-from packmech.measure.contact_forces import contact_forces
+from packmech.measure.contact_forces import force_balance, resting_forces
 from packmech.measure.counting import packing_fraction
-from packmech.measure.friction import friction_of
-from packmech.measure.shaped import ShapeForces, check_pairs_only
-from packmech.measure.stress import force_balance, stress_tensor, sum_forces
-from packmech.measure.stress import pressure as pressure_of
+from packmech.measure.rattlers import find_rattling_clusters
+from packmech.measure.stress import stress_tensor, sum_forces
 from packmech.mechanics.network import Network, contact_network
-from packmech.mechanics.rattling import find_rattling_clusters
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.minimize.bodies_apart import deep_overlaps
 from packmech.minimize.first_order.fire import Fire
@@ -64,11 +61,8 @@ PRESSED = 1e-6
 
 def is_jammed(scene: Scene) -> bool:
     """Return whether forces press and are balanced, so that a protocol can go on from the packing as it stands."""
-    if friction_of(scene) is not None and scene.packing.plain:
-        found = contact_forces(scene)
-        return found.residual <= _BALANCED and found.pressure > 0.0
-    largest, mean = force_balance(scene)
-    return mean > 0.0 and largest <= _BALANCED * mean and pressure_of(scene) > 0.0
+    found = resting_forces(scene)
+    return found.mean_force > 0.0 and found.residual <= _BALANCED and found.pressure > 0.0
 
 
 def check_jammed(scene: Scene) -> None:
@@ -115,7 +109,7 @@ class Protocol:
 
     def __init__(self, scene: Scene, strain: BoxStrain, force_tolerance: float, loop: RunLoop) -> None:
         if scene.packing.shapes is not None:
-            check_pairs_only(scene)
+            refuse_unknown_to_shapes(scene, single=False)
         # far from the cell rounding of positions is larger than the gaps that decide about contacts
         if scene.packing.rounding > _ROUNDING:
             scene = scene.replace(packing=scene.packing.wrapped())
@@ -313,14 +307,6 @@ def at_packing_fraction(packing: Packing, value: float) -> Packing:
     return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
 
 
-def pairs_of(contacts: Contacts | ShapeContacts) -> set[tuple[int, ...]]:
-    """Return the pairs that touch as (i, j, image); with shapes also their sites, of bodies the beads that touch."""
-    columns = [contacts.i_c, contacts.j_c, contacts.image_cd]
-    if isinstance(contacts, ShapeContacts):
-        columns += [contacts.site_i_c, contacts.site_j_c]
-    return {tuple(row) for row in np.column_stack(columns).tolist()}
-
-
 def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     """Return N', rattlers, contacts between the N', and the isostatic number d N' - d + k for k free strains.
 
@@ -334,7 +320,7 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     """
     rattling = rattlers_of(contacts)
     kept = int((~rattling).sum())
-    number = int((~(rattling[contacts.i_c] | rattling[contacts.j_c])).sum())
+    number = len(contacts.among(~rattling))
     isostatic = contacts.dimension * (kept - 1) + strains if kept else 0
     return {
         "particles": contacts.particles,
@@ -372,15 +358,10 @@ def linked_count(packing: Packing, contacts: Contacts, strain: BoxStrain) -> dic
     if rattling.empty:
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
     held = ~rattling.rattling_cluster_n
-    number = np.where(held, np.cumsum(held) - 1, -1)
-    links = packing.links
-    assert links is not None
-    # links may all be between particles that rattle
-    kept = links.numbered(number) if (held[links.i_l] & held[links.j_l]).any() else None
-    part = packing.select(held, kept)
+    part = packing.select(held)
     # a contact can bear a force of a cluster that all of it may move against, such as one between links that cross
-    bearing = contacts.select(rattling.backbone_c & held[contacts.i_c] & held[contacts.j_c])
-    inner = replace(bearing, i_c=number[bearing.i_c], j_c=number[bearing.j_c], particles=int(held.sum()))
+    inner = contacts.select(rattling.backbone_c).among(held)
+    inner = inner.numbered(np.where(held, np.cumsum(held) - 1, -1), part)
     states = states_of_self_stress(
         part, "none" if strain == "isotropic" else "isochoric", contacts=inner, basis_limit=1.0
     )
@@ -576,9 +557,10 @@ def _finish_shaped(
         **protocol.report,
     }
     residual = largest / mean if mean > 0.0 and outcome is not Outcome.UNJAMMED else 0.0
-    one = network.shape_contacts
+    one = network.contacts
     terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c)
-    held = -float(np.trace(ShapeForces(one, terms).stress(packing.box.volume))) / d
+    along = (one.slope_cx[:, :d] * one.vector_cd).sum(axis=1)
+    held = -float(terms.first_c @ along) / (d * packing.box.volume)
     outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)
     return run_of(protocol, packing, outcome, residual, report, began)
 
@@ -632,12 +614,12 @@ CHANGES = ("rearrangements", "contacts_closed", "contacts_opened")
 def report_changes(protocol: Protocol, rearrangements: int, pairs: set[tuple[int, ...]]) -> set[tuple[int, ...]]:
     """Report which contacts closed and opened since there were these pairs; return those of the packing now."""
     protocol.report.update(rearrangements=rearrangements, **contacts_changed(pairs, protocol.last))
-    return pairs_of(touching_pairs(protocol.last))
+    return set(pair_names(touching_pairs(protocol.last)))
 
 
 def contacts_changed(pairs: set[tuple[int, ...]], packing: Packing) -> dict[str, int]:
     """Return how many contacts of a packing closed and opened since there were these pairs."""
-    now = pairs_of(touching_pairs(packing))
+    now = set(pair_names(touching_pairs(packing)))
     return {"contacts_closed": len(now - pairs), "contacts_opened": len(pairs - now)}
 
 
@@ -651,7 +633,7 @@ def report_start(protocol: Protocol) -> None:
         report["start"] = "fresh"
         return
     if "contacts_closed" not in report:
-        report.update(contacts_changed(pairs_of(touching_pairs(protocol.scene.packing)), protocol.last))
+        report.update(contacts_changed(set(pair_names(touching_pairs(protocol.scene.packing))), protocol.last))
     same = not report.get("rearrangements", report["contacts_closed"] + report["contacts_opened"])
     report["start"] = "continued" if same else "rearranged"
 

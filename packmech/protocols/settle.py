@@ -34,7 +34,7 @@ _LITTLE = 1e-3
 _STRETCH, _STEADY = 100, 0.1
 
 
-@honors("repulsion friction gravity walls held", at_rest=True, shaped="pm.quench")
+@honors("repulsion friction gravity walls held links shapes", at_rest=True)
 def settle(
     scene: Scene,
     *,
@@ -57,7 +57,7 @@ def settle(
     Parameters
     ----------
     scene
-        The scene of discs or spheres. Under gravity it needs a floor of held particles (`FixedParticles`).
+        The scene. Under gravity it needs a floor of held particles (`FixedParticles`).
     force_tolerance
         Stop when the largest net force, and torque over radius, falls to this times the mean normal force [1].
     step_limit

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
+from packmech.contacts.network import candidate_pairs, pair_contacts
+from packmech.contacts.pairs import are_among
 from packmech.jamming.hard_packing import ContactSystem, HardPacking, contact_system
 from packmech.minimize.second_order.soft_network import Load, Units, scaled_load
 from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, newton
@@ -106,7 +107,7 @@ def first_soft(hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], 
     # pairs that all but touch may close under the load: soft motions are thousands of times larger than overlaps
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0 + _NEAR)
     contacts = pair_contacts(packing, *pairs)
-    bears = _listed(bearing, contacts)
+    bears = are_among(contacts, bearing)
     gap = np.where(bears, 0.0, np.maximum(contacts.gap_c, 0.0))
     stiffness = np.ones(len(contacts))
     stiffness[bears] = secant / unit
@@ -174,14 +175,6 @@ def _lowest(
     # a full Newton step is exact while no contact switches
     middle = 0.5 * (low + high)
     return 1.0 if abs(middle - 1.0) < 1e-9 else middle
-
-
-def _listed(some: Contacts, among: Contacts) -> NDArray[np.bool_]:
-    """Return which of the second contacts are among the first; both are sorted by (i, j, image)."""
-    keys = np.concatenate([np.column_stack([one.i_c, one.j_c, one.image_cd]) for one in (some, among)])
-    _, label = np.unique(keys, axis=0, return_inverse=True)
-    label = label.ravel()
-    return np.isin(label[len(some) :], label[: len(some)])
 
 
 def follow_pressure(

@@ -9,18 +9,18 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import function, positive
+from packmech.check import function
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress
 from packmech.measure.signals import softening_strain, yield_strain
-from packmech.result import NotConverged, Outcome
-from packmech.rheology.arguments import Several, listed, runs_file
+from packmech.result import NotConverged
+from packmech.rheology.arguments import Several, SeveralRuns, listed, listed_numbers, run_each, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
-class AmplitudeSweep:
+class AmplitudeSweep(SeveralRuns):
     """Moduli against the amplitude of the strain; errors are those over periods.
 
     Attributes
@@ -44,16 +44,6 @@ class AmplitudeSweep:
     runs: tuple[OscillatoryShear, ...]
 
     @property
-    def outcome(self) -> Outcome:
-        """How the runs ended: as the first of them that is no success, if there is one."""
-        return next((run.outcome for run in self.runs if not run.ok), Outcome.FINISHED)
-
-    @property
-    def ok(self) -> bool:
-        """Whether every run is a success."""
-        return self.outcome.ok
-
-    @property
     def yield_strain(self) -> float:
         """Amplitude at which G' = G'' [1], as the function of this name finds it; nan where they do not cross."""
         return yield_strain(self.amplitude_a, self.storage_a, self.loss_a)
@@ -72,9 +62,7 @@ def check_amplitudes(amplitudes: Any) -> list[float]:
         Naming what is wrong.
 
     """
-    if isinstance(amplitudes, str) or not isinstance(amplitudes, Sequence | np.ndarray) or not len(amplitudes):
-        raise TypeError(f"amplitudes must be a list of strain amplitudes, got {amplitudes!r}")
-    found = [positive("amplitudes", one) for one in amplitudes]
+    found = listed_numbers("amplitudes", amplitudes, "strain amplitudes")
     if len(set(found)) != len(found):
         raise ValueError(f"amplitudes must name each amplitude once, got {amplitudes!r}")
     return found
@@ -138,31 +126,28 @@ def amplitude_sweep(
         function("progress", progress)
     # one file for all of them
     file = runs_file(common.get("checkpoint"))
-    runs: list[OscillatoryShear] = []
-    for amplitude in asked:
+
+    def run(amplitude: float) -> OscillatoryShear:
         reported = None if progress is None else named(progress, amplitude)
         given: Several = {**common, "progress": reported, "checkpoint": file}
-        try:
-            run = oscillatory_shear(
-                scene,
-                amplitude=amplitude,
-                frequency=frequency,
-                relative_frequency=relative_frequency,
-                pre_periods=pre_periods,
-                periods=periods,
-                post_periods=post_periods,
-                axes=axes,
-                samples_per_period=samples_per_period,
-                **given,
-                check=False,
-            )
-        except KeyboardInterrupt as stop:
-            stop.run = _gathered(asked, runs) if runs else None  # type: ignore[attr-defined]
-            raise
-        if not run.measured:
-            raise NotConverged(run)
-        runs.append(run)
-    return _gathered(asked, runs)
+        made = oscillatory_shear(
+            scene,
+            amplitude=amplitude,
+            frequency=frequency,
+            relative_frequency=relative_frequency,
+            pre_periods=pre_periods,
+            periods=periods,
+            post_periods=post_periods,
+            axes=axes,
+            samples_per_period=samples_per_period,
+            **given,
+            check=False,
+        )
+        if not made.measured:
+            raise NotConverged(made)
+        return made
+
+    return run_each(asked, run, lambda runs: _gathered(asked, runs))
 
 
 def named(progress: Progress, amplitude: float) -> Callable[[str, dict[str, Any]], None]:

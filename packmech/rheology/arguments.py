@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypedDict, TypeVar, cast
 
@@ -17,9 +17,12 @@ from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
 from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
 F = TypeVar("F", bound=Callable[..., Any])
+C = TypeVar("C")
+R = TypeVar("R", bound=Run)
 
 
 class Stepping(TypedDict, total=False):
@@ -148,6 +151,51 @@ def check_arguments(
         RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check)),
         runs_file(checkpoint),
     )
+
+
+class SeveralRuns:
+    """What the runs of one call reached together."""
+
+    runs: tuple[Any, ...]
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the runs ended: as the first of them that is no success, if there is one."""
+        return next((run.outcome for run in self.runs if not run.ok), Outcome.FINISHED)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every run is a success."""
+        return self.outcome.ok
+
+
+def listed_numbers(name: str, values: Any, what: str) -> list[float]:
+    """Return the positive numbers of a list that an argument names.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming what is wrong.
+
+    """
+    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) or not len(values):
+        raise TypeError(f"{name} must be a list of {what}, got {values!r}")
+    return [positive(name, one) for one in values]
+
+
+def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Callable[[list[R]], C]) -> C:
+    """Return what is gathered of a run for each of the numbers.
+
+    An interrupt is passed on with `.run` set to what is gathered of the runs that were finished, or None.
+    """
+    runs: list[R] = []
+    for value in values:
+        try:
+            runs.append(run(value))
+        except KeyboardInterrupt as stop:
+            stop.run = gathered(runs) if runs else None  # type: ignore[attr-defined]
+            raise
+    return gathered(runs)
 
 
 def runs_file(checkpoint: Any) -> RunsFile | None:

@@ -252,9 +252,8 @@ def shear_at_pressure(
     tolerance = positive("pressure_tolerance", pressure_tolerance)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
-    settings = run_settings(time_limit=time_limit, progress=progress, check=check)
-    shearing = _Shearing(scene, rate, pressure, pair, answer, step, settings.threads)
-    loop = RunLoop(settings)
+    shearing = _PressureShearing(scene, rate, pressure, pair, answer, step)
+    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
 
     def finished(outcome: Outcome) -> PressureShear:
         return shearing.finish(outcome, skip, blocks, tolerance)
@@ -262,18 +261,11 @@ def shear_at_pressure(
     return loop.run(lambda: shearing.until(end, loop), finished)
 
 
-class _Shearing:
+class _PressureShearing:
     """A box on its way, span by span."""
 
     def __init__(
-        self,
-        scene: Scene,
-        rate: float,
-        pressure: float,
-        axes: tuple[int, int],
-        answer: float,
-        dt: float,
-        threads: int,
+        self, scene: Scene, rate: float, pressure: float, axes: tuple[int, int], answer: float, dt: float
     ) -> None:
         self.began = time.process_time()
         self.rate, self.pressure, self.axes = rate, pressure, axes
@@ -284,13 +276,13 @@ class _Shearing:
         # rate of dilation over a missing pressure
         self.follow = 1.0 / (answer * tau * stiff * float(packing.diameter_n.mean()) ** (2 - d))
         self.steps_of_span = max(1, int(min(_SPAN * tau, _STRAIN / rate) / dt))
-        self.spans = Spans(scene, dt, threads=threads)
+        self.spans = Spans(scene, dt)
         self.volume = packing_fraction(packing) * packing.box.volume
         self.rows: list[tuple[float, ...]] = []
         # the strain at the end, and that at which something bore the pressure
         self.goal, self.approach = math.inf, 0.0
         self.borne = 0.0
-        self.approaching = self._pressure() < _BORNE * pressure
+        self.approaching = self.spans.pressure < _BORNE * pressure
 
     def until(self, strain: float, loop: RunLoop) -> Outcome:
         """Shear up to a strain."""
@@ -300,7 +292,7 @@ class _Shearing:
         for _ in range(spans):
             loop.check_time()
             # overlaps of a start open the box no faster than this
-            missing = min(self._pressure() - self.pressure, _SHOCK * self.pressure)
+            missing = min(self.spans.pressure - self.pressure, _SHOCK * self.pressure)
             self._approach()
             shrink = _SHRINK * self.rate * min(self.borne / self.pressure - 1.0, 0.0)
             rate_dd = np.eye(d) * (shrink if self.approaching else self.follow * missing)
@@ -316,21 +308,16 @@ class _Shearing:
         if self.approaching:
             recent = [row[2] for row in self.rows[-_LOOKS:]]
             # a random start may touch hard for a moment: what presses is known from several looks
-            self.borne = float(np.mean(recent)) if recent else self._pressure()
+            self.borne = float(np.mean(recent)) if recent else self.spans.pressure
             self.approaching = len(recent) < _LOOKS or self.borne < _BORNE * self.pressure
             self.approach = self.rows[-1][0] if self.rows else 0.0
 
-    def _pressure(self) -> float:
-        stress = self.spans.stress_dd
-        return -float(np.trace(stress)) / len(stress)
-
     def _keep(self) -> None:
-        a, b = self.axes
         spans = self.spans
-        stress = 0.5 * float(spans.stress_dd[a, b] + spans.stress_dd[b, a])
         fraction = self.volume / spans.scene.packing.box.volume
         strain = spans.steps * spans.dt * self.rate
-        self.rows.append((strain, stress, self._pressure(), fraction, spans.contacts, spans.sliding))
+        stress = spans.shear_stress(self.axes)
+        self.rows.append((strain, stress, spans.pressure, fraction, spans.contacts, spans.sliding))
 
     def finish(self, outcome: Outcome, skip: float, blocks: int, tolerance: float) -> PressureShear:
         """Return the run as far as it came; where it came to its end, judged by its `conditions`."""

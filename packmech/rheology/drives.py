@@ -19,15 +19,7 @@ from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.rheology.steady import FlowCurve, creep, ramp_strain, steady_shear
 from packmech.rheology.strain_run import StrainRun
 from packmech.rheology.walls import rough_plates
-from packmech.scene import (
-    CreepDrive,
-    DriveCode,
-    OscillatoryShearDrive,
-    RampStrainDrive,
-    Scene,
-    SimulateDrive,
-    SteadyShearDrive,
-)
+from packmech.scene import DriveCode, OscillatoryShearDrive, Scene, SimulateDrive
 
 Progress = Callable[[str, dict[str, Any]], None]
 
@@ -136,27 +128,21 @@ def _oscillatory_shear(
     )
 
 
-def _steady_shear(
-    drive: SteadyShearDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
-) -> FlowCurve:
-    return steady_shear(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
+def _strained(call: Callable[..., Any]) -> Callable[..., Any]:
+    """Return what follows a drive by the call that it names."""
 
+    def follow_it(
+        drive: Any, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
+    ) -> FlowCurve | StrainRun:
+        made: FlowCurve | StrainRun = call(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
+        return made
 
-def _ramp_strain(
-    drive: RampStrainDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
-) -> StrainRun:
-    return ramp_strain(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
-
-
-def _creep(
-    drive: CreepDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
-) -> StrainRun:
-    return creep(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
+    return follow_it
 
 
 _METHODS = {"method": lambda: INTEGRATORS}
 SIMULATE = DriveCode(follow, _METHODS)
 OSCILLATORY_SHEAR = DriveCode(_oscillatory_shear, _METHODS)
-STEADY_SHEAR = DriveCode(_steady_shear, _METHODS)
-RAMP_STRAIN = DriveCode(_ramp_strain, _METHODS)
-CREEP = DriveCode(_creep, _METHODS)
+STEADY_SHEAR = DriveCode(_strained(steady_shear), _METHODS)
+RAMP_STRAIN = DriveCode(_strained(ramp_strain), _METHODS)
+CREEP = DriveCode(_strained(creep), _METHODS)

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
-from packmech.check import integer, positive, real, two_axes
+from packmech.check import integer, positive, two_axes
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
 from packmech.effects import BackgroundDamping, Bonds, Repulsion
 from packmech.honors import honors
@@ -22,7 +21,7 @@ from packmech.packing import Packing
 from packmech.result import Condition, NotConverged, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.rheology.arguments import AtRest, StrainSettings, check_arguments, listed
 from packmech.rheology.oscillatory import characteristic_time, frequency_of, rest_row
-from packmech.rheology.strain_run import StrainRun, StrainTask
+from packmech.rheology.strain_run import StrainPlan, StrainRun, StrainTask
 from packmech.scene import Scene
 
 STAGE = "baseline"
@@ -159,9 +158,8 @@ def equilibrate(
 
     """
     settings = check_arguments(scene, **common)
-    strain = OscillatoryStrain(positive("amplitude", amplitude), frequency_of(settings, frequency, relative_frequency))
-    strain = dataclasses.replace(strain, axes=two_axes("axes", axes, dimension=scene.packing.dimension))
-    direction = strain.direction(scene.packing.dimension)
+    size, rate = positive("amplitude", amplitude), frequency_of(settings, frequency, relative_frequency)
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     largest = positive("largest_oscillation", largest_oscillation)
     limit = integer("step_limit", step_limit, at_least=1)
     bonded = any(isinstance(one, Bonds) for one in scene.effects)
@@ -179,15 +177,25 @@ def equilibrate(
         expected = positive("expected_stress", expected_stress)
     else:
         # what is not at rest has no modulus
-        expected = _expected(scene, packing, amplitude) if start.ok and not settings.loop.late else math.nan
+        expected = _expected(scene, packing, size) if start.ok and not settings.loop.late else math.nan
 
-    each = max(_SAMPLES, math.ceil(1.0 / (strain.frequency * settings.longest)))
+    each = max(_SAMPLES, math.ceil(1.0 / (rate * settings.longest)))
     every = max(1, each // _SAMPLES)
     each = every * math.ceil(each / every)
+    plan = StrainPlan(
+        STAGE,
+        dt=1.0 / (rate * each),
+        steps=each,
+        every=every,
+        # a sine of no amplitude, so that the loops compiled for oscillatory shear serve
+        profile=Sine(0.0, 2.0 * math.pi * rate, 0.0, math.inf),
+        direction_dd=OscillatoryStrain(size, rate, axes=pair).direction(scene.packing.dimension),
+        axes=pair,
+    )
     periods, taken = 0, 0
     while True:
-        # a sine of no amplitude, so that the loops compiled for oscillatory shear serve
-        run, outcome = _period(settings, scene, packing, strain, direction, each, every)
+        run = _period(settings, scene.replace(packing=packing), plan)
+        outcome = run.outcome
         stages += run.stages
         periods, taken = periods + 1, taken + run.steps
         stress = run.shear_stress_t
@@ -195,7 +203,8 @@ def equilibrate(
         found = oscillation < largest * expected
         if found or outcome is not Outcome.FINISHED or not start.ok or taken + 2 * each > limit:
             break
-        settled, outcome = _period(settings, _dragged(scene, settings), packing, strain, direction, each, every)
+        settled = _period(settings, _dragged(scene, settings).replace(packing=packing), plan)
+        outcome = settled.outcome
         periods, taken = periods + 1, taken + settled.steps
         packing = settled.packing.replace(tangential=None)
         stages += settled.stages
@@ -270,15 +279,11 @@ class _Minimum:
 def _expected(scene: Scene, packing: Packing, amplitude: float) -> float:
     """Return the stress that the shear modulus of the frictionless packing lets expect."""
     modulus = elastic_moduli(_frictionless(scene.replace(packing=packing))).shear_modulus
-    return real("amplitude", amplitude) * _stiff(modulus)
-
-
-def _stiff(modulus: float) -> float:
     if not (math.isfinite(modulus) and modulus > 0.0):
         raise ValueError(
             f"expected_stress must be given where nothing resists shear without friction, got the modulus {modulus:g}"
         )
-    return modulus
+    return amplitude * modulus
 
 
 def _dragged(scene: Scene, settings: StrainSettings) -> Scene:
@@ -290,24 +295,7 @@ def _dragged(scene: Scene, settings: StrainSettings) -> Scene:
     return scene.replace(effects=tuple(effects))
 
 
-def _period(
-    settings: StrainSettings,
-    scene: Scene,
-    packing: Packing,
-    strain: OscillatoryStrain,
-    direction_dd: NDArray[np.float64],
-    steps: int,
-    every: int,
-) -> tuple[StrainRun, Outcome]:
-    """Return one period without strain, from rest."""
-    task = StrainTask(
-        dataclasses.replace(settings, scene=scene.replace(packing=packing)),
-        STAGE,
-        dt=1.0 / (strain.frequency * steps),
-        steps=steps,
-        every=every,
-        profile=Sine(0.0, 2.0 * math.pi * strain.frequency, 0.0, math.inf),
-        direction_dd=direction_dd,
-    )
-    run = task.run(lambda outcome: StrainRun(**task.fields(outcome, strain.axes)), check=False)
-    return run, run.outcome
+def _period(settings: StrainSettings, scene: Scene, plan: StrainPlan) -> StrainRun:
+    """Return one period of a scene without strain, from rest."""
+    task = StrainTask(dataclasses.replace(settings, scene=scene), plan)
+    return task.run(lambda outcome: StrainRun(**task.fields(outcome)), check=False)

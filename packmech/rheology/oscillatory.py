@@ -18,7 +18,7 @@ from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
 from packmech.result import Condition, Outcome, Row, Run, particles_in_words
 from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed
-from packmech.rheology.strain_run import StrainRun, StrainTask
+from packmech.rheology.strain_run import StrainPlan, StrainRun, StrainTask
 from packmech.rheology.walls import WallModuli, wall_forces
 from packmech.scene import Scene
 
@@ -343,7 +343,6 @@ def oscillatory_shear(
     rate = frequency_of(settings, frequency, relative_frequency)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=pair)
-    direction = strain.direction(scene.packing.dimension)
     pre = real("pre_periods", pre_periods, at_least=0.0)
     count = positive("periods", periods)
     post = real("post_periods", post_periods, at_least=0.0)
@@ -364,17 +363,18 @@ def oscillatory_shear(
     end = start + sheared * step if rests else math.inf
     sine = Sine(float(amplitude), 2.0 * math.pi * rate, start, end)
     profile = sine if strain_path == "exact" else Increments(*sine, step)
-    task = StrainTask(
-        settings,
+    plan = StrainPlan(
         STAGE,
         dt=step,
         steps=before + sheared + after + (1 if rests else 0),
         every=every,
         profile=profile,
-        direction_dd=direction,
+        direction_dd=strain.direction(scene.packing.dimension),
+        axes=pair,
         further={"carried": carried},
-        walls=wall_forces(settings, strain.axes, every, profile, carried=carried),
+        walls=wall_forces(settings, pair, every, profile, carried=carried),
     )
+    task = StrainTask(settings, plan)
     return task.run(lambda outcome: _finish(task, outcome, strain, start, count, skip))
 
 
@@ -382,7 +382,7 @@ def _finish(
     task: StrainTask, outcome: Outcome, strain: OscillatoryStrain, start: float, periods: float, skip: float
 ) -> OscillatoryShear:
     run = OscillatoryShear(
-        **task.fields(outcome, strain.axes),
+        **task.fields(outcome),
         amplitude=strain.amplitude,
         frequency=strain.frequency,
         start=start,

@@ -19,8 +19,17 @@ from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_drift, block_mean
 from packmech.result import Condition, NotConverged, Outcome, Row, Summary, particles_in_words
-from packmech.rheology.arguments import Common, Several, StrainSettings, check_arguments, listed
-from packmech.rheology.strain_run import StrainRun, StrainTask
+from packmech.rheology.arguments import (
+    Common,
+    Several,
+    SeveralRuns,
+    StrainSettings,
+    check_arguments,
+    listed,
+    listed_numbers,
+    run_each,
+)
+from packmech.rheology.strain_run import StrainPlan, StrainRun, StrainTask
 from packmech.scene import Scene
 
 STAGE = "steady strain"
@@ -110,23 +119,22 @@ def _ramp(
     stage: str = STAGE,
     judge: Callable[[StrainRun], StrainRun] | None = None,
 ) -> StrainRun:
-    direction = SteadyStrain(rate, mode=mode, axes=axes).direction(settings.scene.packing.dimension)
     duration = strain / abs(rate)
     every = max(1, math.ceil(duration / (settings.longest * samples) * (1.0 - 1e-12)))
     steps = every * samples
-    task = StrainTask(
-        settings,
+    plan = StrainPlan(
         stage,
         dt=duration / steps,
         steps=steps,
         every=every,
         profile=Ramp(0.0, rate, 0.0, math.inf),
-        direction_dd=direction,
+        direction_dd=SteadyStrain(rate, mode=mode, axes=axes).direction(settings.scene.packing.dimension),
+        axes=axes if mode == "shear" else (axes[0], axes[0]),
     )
-    shown = axes if mode == "shear" else (axes[0], axes[0])
+    task = StrainTask(settings, plan)
 
     def finished(outcome: Outcome) -> StrainRun:
-        run = StrainRun(**task.fields(outcome, shown))
+        run = StrainRun(**task.fields(outcome))
         return run if judge is None or outcome is not Outcome.FINISHED else judge(run)
 
     return task.run(finished)
@@ -149,7 +157,7 @@ def _judged(run: StrainRun, skip: float, blocks: int, tolerance: float) -> Strai
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FlowCurve:
+class FlowCurve(SeveralRuns):
     """Stress against rate in steady shear; errors are those of block means. All are nan where a run did not finish.
 
     Attributes
@@ -179,16 +187,6 @@ class FlowCurve:
     runs: tuple[StrainRun, ...]
     seconds: float
     headings: ClassVar[tuple[str, ...]] = FLOW_HEADINGS
-
-    @property
-    def outcome(self) -> Outcome:
-        """How the runs ended: as the first of them that is no success, if there is one."""
-        return next((run.outcome for run in self.runs if not run.ok), Outcome.FINISHED)
-
-    @property
-    def ok(self) -> bool:
-        """Whether every run is a success."""
-        return self.outcome.ok
 
     @property
     def viscosity_r(self) -> NDArray[np.float64]:
@@ -311,9 +309,7 @@ def steady_shear(
 
     """
     began = time.process_time()
-    if isinstance(rates, str) or not isinstance(rates, Sequence | np.ndarray) or not len(rates):
-        raise TypeError(f"rates must be a list of shear rates, got {rates!r}")
-    speeds = [positive("rates", one) for one in rates]
+    speeds = listed_numbers("rates", rates, "shear rates")
     end = positive("applied_strain", applied_strain)
     skip = real("skip_strain", skip_strain, at_least=0.0, below=end)
     parts = integer("blocks", blocks, at_least=2)
@@ -322,22 +318,18 @@ def steady_shear(
         raise ValueError(f"samples must be at least 2 in each of the blocks that count, got {count}")
     tolerance = positive("drift_tolerance", drift_tolerance)
     settings = check_arguments(scene, check=check, **common)
-    runs: list[StrainRun] = []
+    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
 
-    def judge(run: StrainRun) -> StrainRun:
-        return _judged(run, skip, parts, tolerance)
+    def run(speed: float) -> StrainRun:
+        return _ramp(
+            settings, speed, end, "shear", pair, count, f"steady shear at {speed:g}",
+            lambda made: _judged(made, skip, parts, tolerance),
+        )  # fmt: skip
 
-    def curve() -> FlowCurve:
+    def curve(runs: list[StrainRun]) -> FlowCurve:
         return _curve(speeds[: len(runs)], tuple(runs), skip, parts, time.process_time() - began)
 
-    pair = two_axes("axes", axes, dimension=scene.packing.dimension)
-    for speed in speeds:
-        try:
-            runs.append(_ramp(settings, speed, end, "shear", pair, count, f"steady shear at {speed:g}", judge))
-        except KeyboardInterrupt as stop:
-            stop.run = curve() if runs else None  # type: ignore[attr-defined]
-            raise
-    return curve()
+    return run_each(speeds, run, curve)
 
 
 def _curve(rates: list[float], runs: tuple[StrainRun, ...], skip: float, blocks: int, seconds: float) -> FlowCurve:
@@ -495,17 +487,18 @@ def creep(
         acting = load if task.engine.time < held - 0.5 * span else 0.0
         task.drive_at((rate + span * volume * (acting - sigma) / weight) / (1.0 + span * volume * eta / weight))
 
-    task = StrainTask(
-        settings,
+    plan = StrainPlan(
         _CREEP,
         dt=time / (turns * chunk),
         steps=turns * chunk,
         every=turns * chunk + 1,
         profile=Ramp(0.0, 0.0, 0.0, math.inf),
         direction_dd=SteadyStrain(0.0, axes=pair).direction(d),
+        axes=pair,
         further={**driven, "chunk": chunk},
         drive=drive,
         span=chunk,
         report_every=_REPORT,
     )
-    return task.run(lambda outcome: Creep(**task.fields(outcome, pair), **driven))
+    task = StrainTask(settings, plan)
+    return task.run(lambda outcome: Creep(**task.fields(outcome), **driven))

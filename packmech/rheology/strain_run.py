@@ -60,6 +60,16 @@ from packmech.scene import Scene
 
 # numbers in the loops' arrays times steps between two readings of the clock
 _CHUNK = 1_000_000
+# columns of a row that a run keeps as they are
+_KEPT = {
+    "time": TIME,
+    "strain": STRAIN,
+    "rate": RATE,
+    "potential": POTENTIAL,
+    "tangential": TANGENTIAL,
+    "kinetic": KINETIC,
+    "rotational": ROTATIONAL,
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -192,7 +202,7 @@ class StrainRun(Run):
 R = TypeVar("R", bound=StrainRun)
 
 
-class _Motion(NamedTuple):
+class _EndState(NamedTuple):
     """Positions, box, peculiar velocities, spins (None where nothing turns), orientations (None of discs, spheres)."""
 
     position_nd: NDArray[np.float64]
@@ -206,13 +216,12 @@ class _Motion(NamedTuple):
         return bool(np.isfinite(self.position_nd).all())
 
 
-class StrainTask:
-    """One strained run as the run loop steps it: its engine, the rows and frames that are kept, and its checkpoint.
+@dataclass(frozen=True)
+class StrainPlan:
+    """How one run strains its scene, step by step.
 
-    Parameters
+    Attributes
     ----------
-    settings
-        Checked arguments of the call.
     stage
         What `progress` hears of it.
     dt, steps
@@ -221,6 +230,8 @@ class StrainTask:
         Steps from row to row.
     profile, direction_dd
         How the box deforms.
+    axes
+        The component of the stress that answers to the strain.
     further
         What else decides the numbers of the run, for its checkpoint.
     walls
@@ -233,42 +244,51 @@ class StrainTask:
 
     """
 
-    def __init__(
-        self,
-        settings: StrainSettings,
-        stage: str,
-        *,
-        dt: float,
-        steps: int,
-        every: int,
-        profile: Any,
-        direction_dd: NDArray[np.float64],
-        further: dict[str, Any] | None = None,
-        walls: WallForces | None = None,
-        drive: Callable[[StrainTask], None] | None = None,
-        span: int = 0,
-        report_every: int = 1,
-    ) -> None:
+    stage: str
+    dt: float
+    steps: int
+    every: int
+    profile: Any
+    direction_dd: NDArray[np.float64]
+    axes: tuple[int, int]
+    further: Mapping[str, Any] = field(default_factory=dict)
+    walls: WallForces | None = None
+    drive: Callable[[StrainTask], None] | None = None
+    span: int = 0
+    report_every: int = 1
+
+
+class StrainTask:
+    """One strained run as the run loop steps it: its engine, the rows and frames that are kept, and its checkpoint.
+
+    Parameters
+    ----------
+    settings
+        Checked arguments of the call.
+    plan
+        How the scene is strained.
+
+    """
+
+    def __init__(self, settings: StrainSettings, plan: StrainPlan) -> None:
         self.began = time.process_time()
-        self.settings, self.stage, self.walls = settings, stage, walls
-        self.dt, self.end, self.every = dt, steps, every
-        self.drive, self.span, self.report_every = drive, span, report_every
-        self.energy = RowWatch(settings.scene, direction_dd, every)
+        self.settings, self.plan, self.walls = settings, plan, plan.walls
+        self.energy = RowWatch(settings.scene, plan.direction_dd, plan.every)
         with safe_interrupts():
             self.engine: Engine = build_engine(
                 settings.scene,
-                dt=dt,
+                dt=plan.dt,
                 velocity_nd=settings.velocity_nd,
                 spin_nk=settings.spin_nk,
-                profile=profile,
-                direction_dd=direction_dd,
+                profile=plan.profile,
+                direction_dd=plan.direction_dd,
                 held_n=settings.held_n,
                 second_order=isinstance(settings.method, VelocityVerlet),
             )
-            self.ledger: Ledger = new_ledger(every, steps // every)
-            self.stop_every = span or max(1, _CHUNK // self.engine.state.body.size)
+            self.ledger: Ledger = new_ledger(plan.every, plan.steps // plan.every)
+            self.stop_every = plan.span or max(1, _CHUNK // self.engine.state.body.size)
             self.stop = 0
-            self.due_f = np.unique(np.linspace(0, steps, settings.frames).round().astype(np.int64))
+            self.due_f = np.unique(np.linspace(0, plan.steps, settings.frames).round().astype(np.int64))
             self.frame_time_f: list[float] = []
             self.position_f: list[NDArray[np.float64]] = []
             self.snapshot_f: list[Snapshot] = []
@@ -277,32 +297,30 @@ class StrainTask:
             self.seconds_before = 0.0
             # rows that are kept in place of the ledger's, where the run is driven from outside
             self.driven_rows: list[NDArray[np.float64]] | None = None
-            if settings.file is None or not settings.file.begin(
-                self, self._named(profile, direction_dd, further or {})
-            ):
+            if settings.file is None or not settings.file.begin(self, self._named()):
                 self.engine.begin(self.ledger)
                 self.first = self.engine.observe()
-                self.driven_rows = None if drive is None else [self.first]
+                self.driven_rows = None if plan.drive is None else [self.first]
                 self._measure_added()
                 self._keep_frame()
-                if walls is not None:
-                    walls.begin(self.engine)
+                if self.walls is not None:
+                    self.walls.begin(self.engine)
             # what is returned where nothing finite is left in the end
             self.last_finite = self._now()
         self.build_seconds = time.process_time() - self.began
 
-    def _named(self, profile: Any, direction_dd: NDArray[np.float64], further: dict[str, Any]) -> dict[str, Any]:
+    def _named(self) -> dict[str, Any]:
         """Return what decides the numbers of this run."""
-        settings = self.settings
+        settings, plan = self.settings, self.plan
         return {
             **{f"scene.{name}": text for name, text in scene_fingerprints(settings.scene).items()},
-            "dt": self.dt,
-            "steps": self.end,
-            "samples": self.every,
-            "strain": (profile, direction_dd),
+            "dt": plan.dt,
+            "steps": plan.steps,
+            "samples": plan.every,
+            "strain": (plan.profile, plan.direction_dd),
             "frames": self.due_f,
             **{name: getattr(settings, name) for name in ("method", "velocity_nd", "spin_nk", "held_n")},
-            **further,
+            **plan.further,
         }
 
     @property
@@ -321,38 +339,39 @@ class StrainTask:
     def _measure_added(self) -> None:
         """Measure the added observables, at the start and wherever a row is kept."""
         engine = self.engine
-        if added_observables() and (self.driven_rows is not None or engine.steps % self.every == 0):
+        if added_observables() and (self.driven_rows is not None or engine.steps % self.plan.every == 0):
             scene = self.settings.scene
             packing = engine.packing_at(engine.positions(), engine.orientations(), engine.box())
             state = State(packing, scene.effects, engine.steps, engine.time, engine.velocities(), self._spins())
             self.added.append(measure_added(lambda: state))
 
-    def _now(self) -> _Motion:
+    def _now(self) -> _EndState:
         engine = self.engine
-        return _Motion(engine.positions(), engine.box(), engine.velocities(), self._spins(), engine.orientations())
+        return _EndState(engine.positions(), engine.box(), engine.velocities(), self._spins(), engine.orientations())
 
     def _spins(self) -> NDArray[np.float64] | None:
         return self.engine.spins() if _turns(self.settings.scene) else None
 
     def next_stop(self) -> int | Outcome:
         """Return the step of the next frame or reading of the clock, whichever comes first."""
-        if self.steps >= self.end:
+        plan = self.plan
+        if self.steps >= plan.steps:
             return Outcome.FINISHED
         if self.stop <= self.steps:
-            self.stop = min(self.end, self.steps + self.stop_every - (self.steps % self.span if self.span else 0))
+            self.stop = min(plan.steps, self.steps + self.stop_every - (self.steps % plan.span if plan.span else 0))
             # frames of a run that is driven from outside fall on the ends of spans
-            if len(self.position_f) < len(self.due_f) and not self.span:
+            if len(self.position_f) < len(self.due_f) and not plan.span:
                 self.stop = min(self.stop, int(self.due_f[len(self.position_f)]))
-            if added_observables() and not self.span:  # they are measured outside the compiled loops
-                self.stop = min(self.stop, self.steps + self.every - self.steps % self.every)
+            if added_observables() and not plan.span:  # they are measured outside the compiled loops
+                self.stop = min(self.stop, self.steps + plan.every - self.steps % plan.every)
         return self.stop
 
     def advance(self, steps: int) -> Outcome | None:
         """Take so many steps."""
-        if self.drive is not None and self.steps % self.span == 0:
+        if self.plan.drive is not None and self.steps % self.plan.span == 0:
             if not self._can_be_driven():
                 return Outcome.STEP_TOO_LONG
-            self.drive(self)
+            self.plan.drive(self)
         end = self.steps + steps
         while self.steps < end:
             due = end - self.steps if self.walls is None else self.walls.before(self.engine, end - self.steps)
@@ -368,7 +387,7 @@ class StrainTask:
 
     def observe(self) -> Outcome | None:
         """Keep a frame or a row where one is due; end the run where energy grows without work."""
-        if self.driven_rows is None or len(self.driven_rows) % self.report_every == 0:
+        if self.driven_rows is None or len(self.driven_rows) % self.plan.report_every == 0:
             now = self._now()
             self.last_finite = now if now.is_finite else self.last_finite
         self._keep_frame()
@@ -383,10 +402,10 @@ class StrainTask:
     def figures(self) -> tuple[str, dict[str, Any]] | None:
         """Return what `progress` is called with."""
         engine = self.engine
-        if self.driven_rows is not None and len(self.driven_rows) % self.report_every:
+        if self.driven_rows is not None and len(self.driven_rows) % self.plan.report_every:
             return None
-        return self.stage, {
-            "steps": engine.steps, "of": self.end, "time": engine.time, "strain": engine.gamma, "engine": engine,
+        return self.plan.stage, {
+            "steps": engine.steps, "of": self.plan.steps, "time": engine.time, "strain": engine.gamma, "engine": engine,
         }  # fmt: skip
 
     def drive_at(self, rate: float) -> None:
@@ -415,8 +434,8 @@ class StrainTask:
     def restore(self, kept: Arrays) -> None:
         """Go on from what a checkpoint kept."""
         n, d = self.settings.scene.packing.position_nd.shape
-        steps = integer("engine.steps", kept["engine.steps"], at_least=0, at_most=self.end)
-        rows = saved_array(kept, "rows", (steps // (self.span or self.every) + 1, COLUMNS))
+        steps = integer("engine.steps", kept["engine.steps"], at_least=0, at_most=self.plan.steps)
+        rows = saved_array(kept, "rows", (steps // (self.plan.span or self.plan.every) + 1, COLUMNS))
         frames = self._frames_at(steps)
         frame_time_f = saved_array(kept, "frame_time_f", (frames,))
         position_fnd = saved_array(kept, "position_fnd", (frames, n, d))
@@ -428,7 +447,7 @@ class StrainTask:
             self.walls.restore(kept, steps)
         self.engine.restore(kept)
         self.first = rows[0]
-        if self.drive is not None:
+        if self.plan.drive is not None:
             self.driven_rows = list(rows)
         else:
             self.ledger.row_tk[: len(rows) - 1] = rows[1:]
@@ -440,14 +459,14 @@ class StrainTask:
     def _frames_at(self, steps: int) -> int:
         """Return how many frames are kept after so many steps."""
         # the end of the span in which each is due, or of the one after that of the frame before
-        number_f, span = np.arange(len(self.due_f)), self.span or 1
+        number_f, span = np.arange(len(self.due_f)), self.plan.span or 1
         span_f = np.maximum.accumulate(-(-self.due_f // span) - number_f) + number_f
         return int(np.count_nonzero(span_f <= steps // span))
 
     def save(self) -> None:
         """Write the checkpoint."""
         assert self.settings.file is not None
-        self.settings.file.write(self, finished=self.steps >= self.end)
+        self.settings.file.write(self, finished=self.steps >= self.plan.steps)
 
     def seconds(self) -> float:
         """Return the CPU time taken so far, in what went before a checkpoint too."""
@@ -466,9 +485,9 @@ class StrainTask:
         written = int(self.ledger.written[0])
         return np.concatenate([self.first[None], self.ledger.row_tk[:written]])
 
-    def fields(self, outcome: Outcome, axes: tuple[int, int]) -> dict[str, Any]:
+    def fields(self, outcome: Outcome) -> dict[str, Any]:
         """Return the fields of a `StrainRun` as far as it came."""
-        rows, settings, engine = self.rows(), self.settings, self.engine
+        rows, settings, plan, engine = self.rows(), self.settings, self.plan, self.engine
         packing = settings.scene.packing
         n, d = packing.particles, packing.dimension
         # what the box spans goes with the determinant of 1 + gamma M
@@ -494,19 +513,13 @@ class StrainTask:
             "force_evaluations": engine.steps + 1,
             "seconds": seconds,
             "build_seconds": self.build_seconds,
-            "stages": (Stage(self.stage, residual, engine.steps, engine.steps + 1, seconds),),
-            "time_t": rows[:, TIME],
-            "strain_t": rows[:, STRAIN],
-            "rate_t": rows[:, RATE],
+            "stages": (Stage(plan.stage, residual, engine.steps, engine.steps + 1, seconds),),
+            **{f"{name}_t": rows[:, column] for name, column in _KEPT.items()},
             "stress": {name: part / volume for name, part in stress.items()},
-            "potential_t": rows[:, POTENTIAL],
-            "tangential_t": rows[:, TANGENTIAL],
-            "kinetic_t": rows[:, KINETIC],
-            "rotational_t": rows[:, ROTATIONAL],
             "contacts_t": rows[:, CONTACTS].astype(np.int64),
             "sliding_t": rows[:, SLIDING].astype(np.int64),
-            "axes": axes,
-            "dt": self.dt,
+            "axes": plan.axes,
+            "dt": plan.dt,
             "velocity_nd": motion.velocity_nd,
             "spin_nk": motion.spin_nk,
             "frame_time_f": np.array(self.frame_time_f),
@@ -517,7 +530,7 @@ class StrainTask:
             "orientation_fnq": orientations_at(snapshots),
             "held_n": settings.held_n,
             "added": columns_of(self.added) if self.added and self.added[0] else {},
-            "unmet": unmet_conditions(outcome, *engine.limits(), Condition("steps", engine.steps, self.end, 0.0)),
+            "unmet": unmet_conditions(outcome, *engine.limits(), Condition("steps", engine.steps, plan.steps, 0.0)),
         }
 
 

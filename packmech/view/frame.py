@@ -257,13 +257,15 @@ class _Picture:
     def _paint_discs(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8]) -> None:
         largest = float(self.packing.bodies.reach(self.packing.radius_n).max())
         reach = 0.5 * np.array(self.size) + self.scale * largest
+        shift_kd = np.array([one for one in np.ndindex(3, 3) if one != (1, 1)]) - 1.0
+        around = self.cell.inside_nd + (shift_kd @ self.cell.box.lattice_dd.T)[:, None]
+        seen = np.all(np.abs(self.place(around) - 0.5 * np.array(self.size)) < reach, axis=-1)
+        every = np.arange(self.packing.particles)
+        copies = around[seen], np.nonzero(seen)[1], drawing.dimmed(color_nc)
         # the cell itself comes last, over its copies
-        for shift in (*(one for one in np.ndindex(3, 3) if one != (1, 1)), (1, 1)):
-            center = self.cell.inside_nd + self.cell.box.lattice_dd @ (np.array(shift) - 1.0)
-            seen = np.flatnonzero(np.all(np.abs(self.place(center) - 0.5 * np.array(self.size)) < reach, axis=1))
-            sites = drawing.sites_of(self.packing, center[seen], seen)
-            color = color_nc[sites.owner_b]
-            color = (color if shift == (1, 1) else drawing.dimmed(color)).astype(np.float64)
+        for center, owner, color in (copies, (self.cell.inside_nd, every, color_nc)):
+            sites = drawing.sites_of(self.packing, center, owner)
+            color = color[sites.owner_b].astype(np.float64)
             place, along = self.place(sites.place_bd), self.scale * sites.along_b
             if sites.round:
                 paint_discs(image, place, along, color)

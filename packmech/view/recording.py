@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, table
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
+from packmech.contacts.pairs import pair_names
 from packmech.files.records import is_record, to_table
-from packmech.jamming.play import PlayedMotion, pairs_of
+from packmech.jamming.play import PlayedMotion
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
 from packmech.packing import Packing
@@ -860,7 +861,7 @@ def _draw_motion(played: PlayedMotion, chosen: NDArray[np.int64]) -> list[_Drawn
     start = played.packing_t[0]
     first = played.displacement_tnd[0] + start.position_nd @ played.strain_tdd[0]
     scale = ARROW_LENGTH / 1.5 * drawing.arrow_scale(first, start.reference_diameter)
-    known = set(pairs_of(played.contacts))
+    known = set(pair_names(played.contacts))
     found = []
     for t in chosen:
         packing = played.packing_t[t]
@@ -869,7 +870,7 @@ def _draw_motion(played: PlayedMotion, chosen: NDArray[np.int64]) -> list[_Drawn
         stayed = played.stayed_tc[t]
         near = now.gap_c < FAR * now.contact_distance_c
         touching = find_contacts(packing, gap_tolerance=played.gap_tolerance)
-        new = np.array([pair not in known for pair in pairs_of(touching)], dtype=bool)
+        new = np.array([pair not in known for pair in pair_names(touching)], dtype=bool)
         picture = drawing.draw_packing(packing)
         open_sed, of_s = _unwrapped_lines(packing, now.select(~stayed & near), image_nd)
         share_s = np.clip(-now.overlap_c[~stayed & near][of_s] / WIDE, 0.0, 1.0)

@@ -18,16 +18,15 @@ from packmech.effects import acts_on_single
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.measure.contact_forces import contact_forces
+from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in
 from packmech.measure.counting import packing_fraction
 from packmech.measure.friction import friction_of
-from packmech.measure.stress import energy, force_balance, pressure, stress_tensor
+from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
 from packmech.mechanics.modes import Modes, normal_modes
 from packmech.mechanics.network import contact_network
 from packmech.mechanics.quartic import quartic_modes
-from packmech.mechanics.rattling import rattlers_in
 from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
@@ -298,7 +297,7 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     backbone = packing.particles - int(rattler_n.sum())
     isostatic: int | None = isostatic_contacts(backbone, packing.dimension, strain, linked.get("backbone_links", 0))
     at_limit: dict[str, Any] = {}
-    if friction_of(scene) is not None and not linked:
+    if friction_of(scene) is not None:
         rough = contact_forces(scene)
         isostatic = math.ceil(0.5 * backbone * rough.isostatic_coordination)
         at_limit = {name: rough.to_dict()[name] for name in ("contacts_at_limit", "doubtful_at_limit")}

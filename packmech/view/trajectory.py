@@ -15,8 +15,8 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
 from packmech.links import image_offsets
-from packmech.measure.stress import energy, force_balance, pressure
-from packmech.mechanics.rattling import rattlers_in
+from packmech.measure.contact_forces import force_balance, rattlers_in
+from packmech.measure.stress import energy, pressure
 from packmech.minimize.quench import orientations_of
 from packmech.observables import OBSERVABLES, State, measure_added
 from packmech.packing import Packing

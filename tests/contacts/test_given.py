@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.contacts.rattlers import check_given
+from packmech.contacts.given import check_given
 
 CRYSTAL = pm.lattice_packing("triangular", (3, 3))
 TINY = pm.lattice_packing("triangular", (1, 1))

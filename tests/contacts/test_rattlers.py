@@ -18,7 +18,8 @@ def directions(degrees):
 
 
 def is_free(normal_cd):
-    return bool(_is_free(np.ascontiguousarray(normal_cd, dtype=float), *np.empty((3, len(normal_cd))), len(normal_cd)))
+    count, d = np.shape(normal_cd)
+    return bool(_is_free(np.ascontiguousarray(normal_cd, dtype=float), d, *np.empty((3, count)), count))
 
 
 def margin(normal_cd):

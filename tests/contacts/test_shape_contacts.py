@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.contacts.rattlers import can_balance, ends_of, rattlers_of
 from packmech.contacts.shape_contacts import candidate_shapes, find_shape_contacts, shape_contacts
-from packmech.contacts.shape_rattlers import shape_rattlers
 
 
 def some(d, count=10, seed=1):
@@ -143,18 +143,15 @@ def test_an_ellipse_on_three_contacts_is_held_where_their_normals_meet_in_one_po
 
 def _held_by(packing, contacts):
     """Return whether the ellipse is held, by itself: neighbors that are taken out are put in again."""
-    from packmech.contacts.shape_contacts import slopes_of_ends
-    from packmech.contacts.shape_rattlers import _balance
-
-    ends = slopes_of_ends(contacts, packing.shapes.turn_basis(packing.radius_n)) / contacts.push_c[None, :, None]
-    owner = np.concatenate([contacts.i_c, contacts.j_c])
-    return len(contacts) > packing.dimension and _balance(ends.reshape(2 * len(contacts), -1)[owner == 0])
+    ends = ends_of(contacts)
+    push, side = (part[ends.body_e == 0] for part in (ends.push_ex, ends.side_esx))
+    return len(contacts) > packing.dimension and bool(can_balance(push, side, len(push), 0.0))
 
 
 def test_what_rattles_is_taken_out_one_after_the_other():
     packing, contacts = held([0.5, np.pi - 0.5, np.pi + 0.5, -0.5])
     # its neighbors have one contact each: they go first, and then it has none
-    assert shape_rattlers(packing, contacts).all()
+    assert rattlers_of(contacts).all()
     assert pm.find_rattlers(packing).all() and pm.coordination_number(packing) == 0.0
 
 

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 import packmech as pm
 import packmech.validation.particle_shear as ps
-from packmech.dynamics.friction import Contact, slip_in_space, stretch_after, stretch_before
+from packmech.dynamics.friction import slip_of_discs, stretch_after, stretch_before
+from packmech.minimize.passes.shape_rows import ShapeTouch
 
 SPRING = pm.LinearSpring()
 STILL = pm.SteadyStrain(0.0)
@@ -191,19 +192,18 @@ def seen(history, turned, time):
 def stretched(history, turned, steps, first=(0.0, 0.0, 0.0), duration=2.0):
     """Return the stretch of a tangential spring after a history, by the rule of the loops, seen in its own frame."""
     dt = duration / steps
-    held = np.array([first], dtype=float)
+    held = np.array(first, dtype=float)
     for step in range(steps + 1):
         branch, rate, own, q = seen(history, turned, step * dt)
         r = np.linalg.norm(branch)
         n = branch / r
         body = np.zeros((2, 10))
         body[:, 3], body[:, 7:] = RADII, own
-        contact = Contact(0, 1, *n, *rate, r, RADII.sum())
-        slip = slip_in_space(body, contact)
+        touch = ShapeTouch(True, r, RADII.sum(), *n, *np.zeros(6))
+        slip = slip_of_discs((0, 1, 2), body, 0, 1, touch, rate)
         before, after = 0.5 * dt * (step > 0), 0.5 * dt * (step < steps)
-        stretch = stretch_before(held, 0, contact, slip, before)
-        stretch_after(held, 0, *stretch, slip, after)
-    return q.T @ held[0], q.T @ n
+        held = stretch_after(*stretch_before(*held, slip, before), slip, after)
+    return q.T @ held, q.T @ n
 
 
 def test_a_tangential_spring_in_space_is_stretched_alike_whatever_turns_around_it():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.measure.stress import force_balance
+from packmech.measure.contact_forces import force_balance
 from packmech.minimize.program import build_program
 from packmech.view.report import examine
 

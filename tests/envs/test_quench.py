@@ -70,7 +70,7 @@ def test_the_checker_passes_for_every_shipped_scene(scene):
 
 def test_scenes_with_bonds_are_refused_unless_they_are_to_be_left_out():
     with pytest.raises(ValueError, match="scene must have no bonds here.*leave out"):
-        QuenchEnv("bulk")
+        QuenchEnv("bulk", friction="leave out")
 
 
 def test_observations_are_float64_and_named():

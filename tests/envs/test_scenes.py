@@ -42,7 +42,7 @@ def test_links_and_bonds_are_refused_unless_what_to_do_is_said():
     with pytest.raises(ValueError, match='no rigid links here, got 150; links="bonds" makes'):
         shearable(scene_of("fifty-trimers-2d"))
     with pytest.raises(ValueError, match=r'no bonds here.*effects\[4\]; bonds="leave out"'):
-        quenchable(scene_of("microgel"))
+        quenchable(scene_of("microgel"), friction="leave out")
     with pytest.raises(ValueError, match="links must be one of 'refuse', 'bonds', got 'keep'"):
         shearable(scene_of("triangular"), links="keep")
     with pytest.raises(ValueError, match="bonds must be one of 'refuse', 'leave out', got True"):

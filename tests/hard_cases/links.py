@@ -13,7 +13,7 @@ import packmech as pm
 from hard_cases.case import HARMONIC, HardCase
 from hard_cases.finite_differences import at_rest, finite_tangent, kept_step
 from packmech.constraints.factor import ConstraintFactor
-from packmech.measure.stress import force_balance
+from packmech.measure.contact_forces import force_balance
 
 
 def rigid(place_nd: NDArray[np.float64] | list[list[float]]) -> pm.Packing:

@@ -77,7 +77,7 @@ def test_contacts_hold_a_disc_unless_a_half_plane_holds_all_of_them(degrees, hel
     star = pm.Packing(place, [0.7, *[0.3] * len(angle)], pm.Box.cubic(20.0, 2))
     contacts = pm.find_contacts(star, gap_tolerance=1e-9)
     assert len(contacts) == len(degrees) and not contacts.i_c.any()
-    assert _is_free(contacts.normal_cd, *np.empty((3, len(contacts))), len(contacts)) is not held
+    assert _is_free(contacts.normal_cd, 2, *np.empty((3, len(contacts))), len(contacts)) is not held
 
 
 @pytest.mark.parametrize("method", METHODS)

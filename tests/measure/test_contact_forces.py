@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.contacts.friction_cones import can_balance
+from packmech.contacts.rattlers import can_balance
 
 
 @functools.cache
@@ -152,7 +152,16 @@ def test_the_sliding_fraction_at_the_residual_of_jam_is_that_of_a_residual_of_1e
 
 
 def balances(normal, arm, mu):
-    return bool(can_balance(normal, arm, len(normal), mu))
+    """Return whether contacts along these directions, away from a particle, can balance force and torque on it."""
+    count, d = normal.shape
+    if d == 2:
+        across = np.stack([-normal[:, 1], normal[:, 0]], axis=1)[:, None]
+        turn = np.ones((count, 1, 1))
+    else:
+        across = np.linalg.svd(normal[:, None])[2][:, 1:]
+        turn = np.cross(normal[:, None], across)
+    push = np.hstack([-normal, np.zeros((count, turn.shape[2]))])
+    return bool(can_balance(push, np.concatenate([across, arm[:, None, None] * turn], axis=2), count, mu))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

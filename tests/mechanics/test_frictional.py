@@ -353,11 +353,6 @@ def test_an_undamped_run_started_along_a_mode_follows_it_and_grows_where_its_fre
     assert bool(off[1].max() > 0.02 * scale) is (dimension == 3), (off[0].max(), off[1].max(), scale)
 
 
-def linked(packing):
-    apart = float(np.linalg.norm(packing.position_nd[1] - packing.position_nd[0]))
-    return packing.replace(links=pm.Links([0], [1], [[0, 0]], [apart]))
-
-
 @pytest.mark.parametrize(
     ("call", "message"),
     [
@@ -372,10 +367,6 @@ def linked(packing):
         (lambda scene: pm.stiffness_matrix(scene, kind="paper"), "kind must be .*exact.*unstressed"),
         (lambda scene: pm.frictional_modes(scene, method="lanczos"), "method must be .*auto.*dense"),
         (lambda scene: pm.frictional_modes(scene, 0), "count must be an integer at least 1"),
-        (
-            lambda scene: pm.elastic_moduli(scene.replace(packing=linked(scene.packing))),
-            "no links where contacts have friction",
-        ),
         (
             lambda scene: pm.stiffness_matrix(
                 scene.replace(packing=pm.Packing([[0.5, 0.5]] * 2, [0.5] * 2, pm.Box.cubic(4.0, 2)))

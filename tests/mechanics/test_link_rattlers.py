@@ -82,7 +82,7 @@ def test_coordination_number_leaves_rattling_beads_out(linked):
 
 def test_distance_that_a_rattling_bead_held_becomes_a_link_of_shape():
     """A rigid tetrahedron without the link 0-1 but with a fifth bead that holds it: taken out, the distance stays."""
-    from packmech.measure.counting import without
+    from packmech.measure.rattlers import without
 
     place = np.array([[0, 0, 0], [1, 0, 0], [0.5, 0.8, 0], [0.5, 0.3, 0.8], [0.5, -0.5, 0.6]])
     pairs = [(0, 2), (0, 3), (0, 4), (1, 2), (1, 3), (1, 4), (2, 3), (2, 4), (3, 4)]

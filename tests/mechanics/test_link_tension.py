@@ -5,7 +5,7 @@ import pytest
 
 import packmech as pm
 from packmech.constraints.factor import ConstraintFactor
-from packmech.measure.stress import force_balance
+from packmech.measure.contact_forces import force_balance
 
 RANDOM = ["random_trimer_2d_w2.5", "random_dimer_3d_w2.0", "random_chain_3d_w2.5"]
 AT_REST = ["equilibrium_chain_2d", "equilibrium_dimer_2d", "equilibrium_dimer_3d", "equilibrium_trimer_2d"]

@@ -6,7 +6,7 @@ from hard_cases.jamming import three_in_a_hole
 
 import packmech as pm
 from packmech.linalg import linear_programs
-from packmech.mechanics import rattling
+from packmech.measure import rattlers
 from packmech.result import Outcome, Solve
 
 
@@ -111,9 +111,9 @@ def test_a_solver_that_fails_is_replaced_by_the_other(linked, monkeypatch, name,
     packing = linked("jammed_trimer_fixedbox")[0].packing
     apart = packing.replace(radius_n=packing.radius_n * (1.0 - 1e-5))
     expected = pm.find_rattling_clusters(apart, gap_tolerance=2e-5).rattling_n
-    monkeypatch.setattr(rattling, "SOLVE", {**rattling.SOLVE, name: fail})
+    monkeypatch.setattr(rattlers, "SOLVE", {**rattlers.SOLVE, name: fail})
     assert np.array_equal(pm.find_rattling_clusters(apart, gap_tolerance=2e-5).rattling_n, expected)
-    monkeypatch.setattr(rattling, "SOLVE", {name: fail, solver: fail})
+    monkeypatch.setattr(rattlers, "SOLVE", {name: fail, solver: fail})
     with pytest.raises(np.linalg.LinAlgError, match="forced to fail; forced to fail"):
         pm.find_rattling_clusters(apart, gap_tolerance=2e-5)
 
@@ -122,5 +122,5 @@ def test_a_solver_that_fails_is_replaced_by_the_other(linked, monkeypatch, name,
 def test_forces_of_any_law_show_the_backbone_without_a_solver(rest_scene, monkeypatch, law):
     packing = rest_scene(48, 2, 0.88, 3, law).packing
     held, _ = pm.remove_rattlers(packing)
-    monkeypatch.setattr(rattling, "SOLVE", {})
+    monkeypatch.setattr(rattlers, "SOLVE", {})
     assert not pm.find_rattling_clusters(held).rattling_n.any()

@@ -9,7 +9,8 @@ import packmech as pm
 from packmech.contacts import pair_contacts
 from packmech.effects import contact_terms
 from packmech.linalg.mandel import mandel_tensor
-from packmech.measure.stress import contact_stress, sum_forces
+from packmech.measure.contact_forces import contact_stress
+from packmech.measure.stress import sum_forces
 
 STRAINS = ["none", "isotropic", "isochoric", "free"]
 

@@ -60,16 +60,5 @@ def test_figures_kept_on_the_way_are_those_seen_there() -> None:
     march.advance(10, ledger)
     seen, again = march.observe(), np.zeros(COLUMNS)
     assert ledger.row_tk[0] == pytest.approx(seen, abs=1e-13)
-    measure(
-        march.acting,
-        march.axes,
-        march.state,
-        march.rattle,
-        march.space,
-        march.pairs,
-        march.track,
-        march.time,
-        march.pace,
-        again,
-    )
+    measure(march.system, march.time, march.now, again)
     assert np.array_equal(seen, again)

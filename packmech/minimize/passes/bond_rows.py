@@ -103,7 +103,8 @@ def push_bonded(one, shapes, axes, row, force_nd, low, high):
             if one.first_s[s]:
                 total += abs(first) - abs(contact)
                 pushed += 0 if r < sigma else 1
-            push = (first - contact) / r
+            # ends at one place have no direction
+            push = (first - contact) / r if r > 0.0 else 0.0
             fx += push * dx
             fy += push * dy
             fz += push * dz

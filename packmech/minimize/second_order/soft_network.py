@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.contacts.elements import Elements, elements_of
+from packmech.contacts.elements import Elements, elements_of, sum_ends
 from packmech.contacts.network import Candidates, Contacts, distance_change
-from packmech.contacts.shape_contacts import ShapeContacts, contacts_at, near_pairs, shape_contacts
+from packmech.contacts.pairs import list_pairs, measure_pairs, search_pairs
 from packmech.effects import contact_terms, held_particles, single_effects, single_terms, total_push
 from packmech.linalg.factor import factor_saddle, factorize
-from packmech.mechanics.assembly import assemble, slopes_of
+from packmech.mechanics.assembly import assemble
 from packmech.packing import Packing
 from packmech.shapes import Beads
 
@@ -232,22 +232,14 @@ class SoftNetwork:
         """Return the pairs that touch or may soon."""
         shapes = packing.shapes
         if not isinstance(shapes, Beads):
-            return near_pairs(packing, 1.0 + self.reach)
+            return search_pairs(packing, 1.0 + self.reach)
         # beads move by more than turns, measured in radii of gyration
         arm = float((shapes.reach(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
-        return near_pairs(packing, 1.0 + self.reach, 2.0 * self.reach * arm)
+        return search_pairs(packing, 1.0 + self.reach, 2.0 * self.reach * arm)
 
     def near(self, packing: Packing) -> Any:
         """Return the pairs of the list, touching or not, as they are in a packing."""
-        return contacts_at(packing, self.pairs)
-
-    def energy_change(self, near: Any) -> float:
-        """Return the energy less that of the packing whose pairs of the list are given."""
-        now, sigma = self.near(self.packing), near.contact_distance_c
-        either = (near.distance_c < sigma) | (now.distance_c < sigma) | (self.width > 0.0)
-        now, near = now.select(either), near.select(either)
-        exact = now.distance_change(near)
-        return energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
+        return measure_pairs(packing, self.pairs)
 
     def growth_to(self, other: Packing) -> float:
         """Return the enthalpy of a packing nearby, whose pairs are those of the list, less that of this one.
@@ -263,9 +255,11 @@ class SoftNetwork:
             change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
             own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
         else:
-            self.packing = other
-            own = self.energy_change(near)
-            self.packing = packing
+            now, sigma = self.near(other), near.contact_distance_c
+            either = (near.distance_c < sigma) | (now.distance_c < sigma) | (self.width > 0.0)
+            now, near = now.select(either), near.select(either)
+            exact = now.distance_change(near)
+            own = energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
         return own + self._pressing(packing.box, stretched)
 
     def _pressing(self, box: Box, stretched_dd: Array) -> float:
@@ -299,7 +293,7 @@ class SoftNetwork:
         packing, one = self.packing, self.contacts
         self.turn_nkt = packing.turn_nkt
         bearing = [Elements(one.i_c, one.j_c, one.vector_cd, self.first_c[:, None] * one.slope_cx, _NO_STIFFNESS)]
-        self.uphill_nd = slopes_of(bearing[0], self.turn_nkt)
+        self.uphill_nd = sum_ends(one, self.first_c)
         self.single = single_terms(self.units.effects, packing) if self.acting else None
         if self.single is not None:
             self.uphill_nd -= self.single.force_nd
@@ -361,19 +355,6 @@ class SoftNetwork:
         self.first_c = np.where(np.abs(self.first_c) > least, self.first_c, 0.0)
         self.balance()
 
-    def work(self, before: Box) -> float:
-        """Return the work against the load on the way from a box to that of the packing; none where volume is held.
-
-        A load that is no pressure does it on small strains from where each step begins: it has no potential.
-        """
-        if self.volume is not None:
-            return 0.0
-        work = self.pressure * (self.packing.box.volume - before.volume)
-        if self.rest_dd is None:
-            return work
-        strain_dd = self.packing.box.lattice_dd @ before.inverse_dd - np.eye(self.packing.dimension)
-        return work + self.pressure * before.volume * float((self.rest_dd * strain_dd).sum())
-
     def coupled(self, basis_kdd: NDArray[np.float64], regularization: float) -> Coupled:
         """Return the factored second derivatives of the enthalpy by positions and turns, and those with strains.
 
@@ -385,9 +366,8 @@ class SoftNetwork:
             What is added to every coordinate's stiffness.
 
         """
-        one, packing = self.contacts, self.packing
-        if isinstance(one, ShapeContacts):
-            one = shape_contacts(packing, one.pairs, second=True)
+        packing = self.packing
+        one = measure_pairs(packing, list_pairs(self.contacts), second=True)
         count, d = one.count_n(), packing.dimension
         elements = [elements_of(one, self.first_c, self.second_c)]
         # a cluster that nothing touches is held, all others hardly
@@ -457,7 +437,8 @@ class SoftNetwork:
         d, u_nd = near.dimension, answer.u_nd
         moved = u_nd[near.j_c, :d] - u_nd[near.i_c, :d] + near.vector_cd @ answer.gradient_dd.T
         turned = np.einsum("nk,nkt->nt", u_nd[:, d:], self.turn_nkt)
-        whole = np.hstack([moved, turned[near.i_c], turned[near.j_c]])
+        # distances of discs and spheres have no slopes along rotations
+        whole = np.hstack([moved, turned[near.i_c], turned[near.j_c]])[:, : near.slope_cx.shape[1]]
         return np.asarray((near.slope_cx * whole).sum(axis=1))
 
     def moved(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
@@ -469,9 +450,7 @@ class SoftNetwork:
         if self.volume is not None and strain.any():
             factor = (self.volume / box.volume) ** (1.0 / d)
             position, box = position * factor, box.scaled(factor)
-        shapes = packing.shapes
-        if shapes is not None:
-            shapes = shapes.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], self.turn_nkt))
+        shapes = packing.bodies.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
         moved = packing.replace(position_nd=position, box=box, shapes=shapes)
         return moved if self.links is None else self.links.projected(moved)
 

@@ -11,14 +11,14 @@ are halved until the enthalpy falls.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, Units
@@ -140,10 +140,10 @@ def newton(
         if travelled > 0.8 * REACH:
             network = SoftNetwork(start, units, basis_kdd, pressure)
             travelled = size * longest
+        begin = copy.copy(network)
         for _ in range(8):
-            network.packing = start
             evaluations += 1
-            network.measure(network.moved(size * u_nd, size * strain_k))
+            network.measure(begin.moved(size * u_nd, size * strain_k))
             # a contact that opens or closes may raise the merit once before it falls
             if network.merit < (4.0 if merit > 1e-4 else 1e3) * merit:
                 break
@@ -232,22 +232,6 @@ class _Step(NamedTuple):
     u_nd: NDArray[np.float64]
     strain_k: NDArray[np.float64]
     slope: float
-
-
-def enthalpy_change(network: SoftNetwork, near: Any, before: Box) -> float:
-    """Return the enthalpy of the network's packing less that of the one in which `near` lists touching and near pairs.
-
-    Parameters
-    ----------
-    network
-        The pairs, units and load, and the packing where the step ended.
-    near
-        All pairs of the network where the step started.
-    before
-        The box where it started.
-
-    """
-    return network.energy_change(near) + network.work(before)
 
 
 def descend(
@@ -363,14 +347,10 @@ def _kicked(packing: Packing, size: float) -> Packing:
 
     Their mean is taken off: particles that all move alike leave no saddle.
     """
-    shapes, d = packing.shapes, packing.dimension
-    turns = 0 if shapes is None else shapes.turn_basis(packing.radius_n).shape[1]
+    d, turns = packing.dimension, packing.turn_nkt.shape[1]
     kick = size * np.random.default_rng(packing.particles).standard_normal((packing.particles, d + turns))
-    moved = packing.replace(position_nd=packing.position_nd + kick[:, :d] - kick[:, :d].mean(axis=0))
-    if shapes is None:
-        return moved
-    turn = np.einsum("nk,nkt->nt", kick[:, d:], shapes.turn_basis(packing.radius_n))
-    return moved.replace(shapes=shapes.turned(turn))
+    kick[:, :d] -= kick[:, :d].mean(axis=0)
+    return packing.moved(kick)
 
 
 def _overlap(network: SoftNetwork) -> float:
@@ -413,13 +393,12 @@ def _go_down(
         if travelled > 0.8 * REACH:
             network = SoftNetwork(start, network.units, basis_kdd, pressure, network.width)
             travelled = size * longest
-        near = network.near(start)
+        begin = copy.copy(network)
         for halving in range(_HALVINGS):
-            network.packing = start
-            network.measure(network.moved(size * step.u_nd, size * step.strain_k))
+            network.measure(begin.moved(size * step.u_nd, size * step.strain_k))
             evaluations += 1
             fall = _ARMIJO * size * step.slope
-            lower = enthalpy_change(network, near, start.box) <= fall
+            lower = begin.growth_to(network.packing) <= fall
             for _ in range(0 if lower or halving < _HALVINGS - 1 else _CORRECTIONS):
                 # a long way along a soft valley leaves its floor by the square of the way, and shorter ones may not:
                 # let what is stiff fall back
@@ -428,7 +407,7 @@ def _go_down(
                     break
                 network.measure(network.moved(back[0].u_nd, back[0].strain_k))
                 evaluations += 1
-                lower = enthalpy_change(network, near, start.box) <= fall
+                lower = begin.growth_to(network.packing) <= fall
                 if lower:
                     break
             if lower:

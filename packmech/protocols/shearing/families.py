@@ -15,6 +15,7 @@ from packmech.box import Box
 from packmech.check import instance, listed, positive, real, two_axes
 from packmech.contacts.network import find_contacts, pair_contacts
 from packmech.contacts.overlaps import overlap_of_hard
+from packmech.contacts.pairs import are_among
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion
 from packmech.honors import honors
@@ -310,16 +311,12 @@ def _hard_packing(packing: Packing) -> HardPacking:
     load = float(packing.particles * d)
     state = start_state(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
     contacts = find_contacts(reduced, gap_tolerance=None)
-    rattling = rattlers_of(contacts)
-    bearing = contacts.select(~(rattling[contacts.i_c] | rattling[contacts.j_c]))
+    bearing = contacts.among(~rattlers_of(contacts))
     hard = None
     if len(bearing):
         # a soft packing at a small pressure, or a hard one, has the contacts of the hard packing already
         near = pair_contacts(reduced, *state.pairs)
-        listed = {tuple(row) for row in np.column_stack([bearing.i_c, bearing.j_c, bearing.image_cd]).tolist()}
-        touching = np.array(
-            [tuple(row) in listed for row in np.column_stack([near.i_c, near.j_c, near.image_cd]).tolist()]
-        )
+        touching = are_among(near, bearing)
         force = np.where(touching, 1.0, 1e-12)
         slack = np.where(touching, 1e-12, 1.0)
         hard, _ = certify(

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
-from packmech.contacts.pairs import list_pairs
+from packmech.contacts.pairs import are_among, places_among
 from packmech.jamming.hard_packing import (
     REACH,
     ContactSystem,
@@ -29,7 +29,7 @@ from packmech.jamming.hard_packing import (
 from packmech.jamming.room import AT_ONCE, make_room
 from packmech.linalg.linear_programs import LinearProgram, solve_highs
 from packmech.packing import Packing
-from packmech.protocols.shearing.hard_path import TOUCH, HardNetwork, Rates, Vertex, are_among, pair_keys, places_among
+from packmech.protocols.shearing.hard_path import TOUCH, HardNetwork, Rates, Vertex
 from packmech.result import Outcome
 
 # force that counts as none, over the mean
@@ -105,7 +105,7 @@ class HardDiscs(HardNetwork):
         closed = ~bearing & (np.abs(near.gap_c) < AT_ONCE * near.contact_distance_c)
         closed &= live[near.i_c] & live[near.j_c]
         if abs(room) < AT_ONCE:
-            closed |= np.isin(pair_keys(list_pairs(near)), pair_keys(held))
+            closed |= are_among(near, held)
         if not closed.any() and redundancy(vertex.contacts) <= 0:
             return None
         # where these touch exactly is a strain to solve for
@@ -179,7 +179,7 @@ class HardDiscs(HardNetwork):
         barrier = _SLACK * float(vertex.force_c.mean())
         force = barrier / slack
         own = are_among(vertex.contacts, near)
-        place = places_among(list_pairs(vertex.contacts.select(own)), near)
+        place = places_among(vertex.contacts.select(own), near)
         force[place] = np.maximum(vertex.force_c[own], force[place])
         violation = float((slack - near.gap_c).max(initial=0.0))
         return HardState(packing.position_nd, packing.box.lattice_dd, pairs, slack, force, barrier, violation)

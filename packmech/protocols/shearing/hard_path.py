@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.network import Candidates
 from packmech.contacts.overlaps import HARD
-from packmech.contacts.pairs import list_pairs, measure_pairs, search_pairs
+from packmech.contacts.pairs import are_among, measure_pairs, search_pairs
 from packmech.jamming.room import AT_ONCE, NEAR, make_room
 from packmech.packing import Packing
 from packmech.protocols.continuation import Lost, Step, StepLengths, find_root, follow
@@ -237,7 +237,7 @@ class HardNetwork(abc.ABC):
         if renewed is None:
             return vertex
         packing, moved = renewed
-        pairs = list_pairs(vertex.contacts)
+        pairs = vertex.contacts.pairs
         order = np.lexsort((*moved.T[::-1], pairs.j_c, pairs.i_c))
         chosen = Candidates(pairs.i_c[order], pairs.j_c[order], np.ascontiguousarray(moved[order]))
         found = self.relisted(vertex, packing, chosen, order)
@@ -247,7 +247,7 @@ class HardNetwork(abc.ABC):
 
     def identity(self, vertex: Vertex) -> frozenset[tuple[int, ...]]:
         """Return the contacts (i, j, image), of sites that touch, with the images of the start."""
-        sites = list_pairs(vertex.contacts)
+        sites = vertex.contacts.pairs
         return self.lattice.identity(vertex.contacts, sites.i_c, sites.j_c)
 
 
@@ -345,12 +345,12 @@ class HardPath:
             return self._stepped(change.after)
         way = abs(change.before.strain - place)
         # about twice the way between changes
-        self._lengths.restart(max(min(0.5 * self._lengths.next, 4.0 * way) + way, _SHORTEST))
+        self._lengths.next = max(min(0.5 * self._lengths.next, 4.0 * way) + way, _SHORTEST)
         return self._stepped(change.after, change)
 
     def _go_on(self, state: Vertex, place: float, further: float) -> Step[Vertex, Change] | None:
         """Return the step to the network that goes on where the steps have become too short, or to a fall."""
-        self._lengths.restart(math.inf)
+        self._lengths.next = math.inf
         direction = math.copysign(1.0, further - place)
         # equal particles close more contacts than may stay so: those that bear forces from here on
         pair = self.network.exchanged(state, self.network.ends, direction)
@@ -447,30 +447,10 @@ class HardPath:
         return Change(before, after, cause, moved, (identity(before), identity(after)))
 
 
-def pair_keys(pairs: Candidates) -> NDArray[np.int64]:
-    """Return a number for each pair of sites and its image."""
-    key = np.asarray(pairs.i_c * (1 << 24) + pairs.j_c)
-    for column in pairs.image_cd.T:
-        key = key * 401 + column + 200
-    return key
-
-
-def are_among(some: Any, others: Any) -> NDArray[np.bool_]:
-    """Return which of some contacts are among others, by sites and images."""
-    return np.isin(pair_keys(list_pairs(some)), pair_keys(list_pairs(others)))
-
-
-def places_among(some: Candidates, others: Any) -> NDArray[np.int64]:
-    """Return where pairs, all of them listed, are among others."""
-    key = pair_keys(list_pairs(others))
-    order = np.argsort(key)
-    return np.asarray(order[np.searchsorted(key[order], pair_keys(some))])
-
-
 def _dips(start: Vertex, end: Vertex) -> bool:
     """Return whether a pair closes and opens again between two vertices, by cubics through gaps and their rates."""
     near, live = start.near, start.live_n
-    there = measure_pairs(end.packing, list_pairs(near))
+    there = measure_pairs(end.packing, near.pairs)
     both, size, step = live[near.i_c] & live[near.j_c], near.contact_distance_c, end.strain - start.strain
     first, last = near.gap_c / size, there.gap_c / size
     then, later = start.gap_rates(near) / size, end.gap_rates(there) / size

@@ -23,15 +23,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.elements import sum_ends
 from packmech.contacts.network import Candidates
+from packmech.contacts.pairs import are_among, places_among
+from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.jamming.room import AT_ONCE
 from packmech.minimize.second_order.soft_network import REACH, Response, SoftNetwork, Units
 from packmech.minimize.second_order.soft_newton import descend
 from packmech.packing import Packing
 from packmech.protocols.continuation import Lost
-from packmech.protocols.shearing.hard_path import TOUCH, HardNetwork, Rates, Vertex, pair_keys, places_among
+from packmech.protocols.shearing.hard_path import TOUCH, HardNetwork, Rates, Vertex
 
 # stiffness of the augmented Lagrangian, whose multipliers are of order one: its inverse is the rate of convergence
 _STIFFNESS, _TRACE, _PASSES = 1e6, 1e-14, 3
@@ -97,11 +99,9 @@ class _Lagrangian(SoftNetwork):
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the forces along free coordinates, and along strains, with which contacts push."""
         one = self.contacts if contacts is None else contacts
-        position, rotation = one.gather(force_c)
-        turn = np.einsum("nkt,nt->nk", self.turn_nkt, rotation)
         pull_cd = force_c[:, None] * one.slope_cx[:, : one.dimension]
         along = np.einsum("kab,ca,cb->k", self.basis_kdd, pull_cd, one.vector_cd)
-        return np.hstack([position, turn]).ravel()[free_f], along
+        return sum_ends(one, force_c).ravel()[free_f], along
 
 
 class HardShapes(HardNetwork):
@@ -211,7 +211,7 @@ class HardShapes(HardNetwork):
         contacts = vertex.contacts
         opened = vertex.force_c < _NO_FORCE * vertex.force_c.mean()
         kept = ~opened
-        rattling = shape_rattlers(vertex.packing, contacts.select(kept))
+        rattling = rattlers_of(contacts.select(kept))
         kept &= ~(rattling[contacts.i_c] | rattling[contacts.j_c])
         if not kept.any():
             return None
@@ -225,7 +225,7 @@ class HardShapes(HardNetwork):
     def _with_closed(self, vertex: Vertex, direction: float) -> Vertex | None:
         """Return the packing with the pairs that have just closed, without those that open for them."""
         near, live = vertex.near, vertex.live_n
-        where = places_among(vertex.contacts.pairs, near)
+        where = places_among(vertex.contacts, near)
         closed = live[near.i_c] & live[near.j_c] & (np.abs(near.gap_c) < AT_ONCE * near.contact_distance_c)
         closed[where] = False
         force = np.zeros(len(near))
@@ -271,7 +271,7 @@ class HardShapes(HardNetwork):
         new = vertex.force_c + share * against
         bears = np.ones(len(new), dtype=bool)
         bears[int(np.argmin(ratio))] = False
-        where = places_among(vertex.contacts.pairs, near)
+        where = places_among(vertex.contacts, near)
         force[where], force[closed] = new, share
         chosen = closed.copy()
         chosen[where[bears]] = True
@@ -316,7 +316,7 @@ class HardShapes(HardNetwork):
             contacts = network.contacts
             if not isinstance(contacts, ShapeContacts) or not len(contacts):
                 return None
-            rattling = shape_rattlers(packing, contacts)
+            rattling = rattlers_of(contacts)
             bears = ~(rattling[contacts.i_c] | rattling[contacts.j_c])
             found = self._complementary(
                 packing.replace(box=self.lattice.box(strain, packing.box.volume)),
@@ -339,7 +339,7 @@ class HardShapes(HardNetwork):
             if found is None:
                 return None
             near, live = found.near, found.live_n
-            bearing = np.isin(pair_keys(near.pairs), pair_keys(active))
+            bearing = are_among(near, active)
             overlaps = ~bearing & live[near.i_c] & live[near.j_c] & (near.gap_c < -TOUCH * near.contact_distance_c)
             pulls = found.force_c <= _NO_FORCE * found.force_c.mean()
             if not overlaps.any() and not pulls.any():
@@ -353,7 +353,7 @@ class HardShapes(HardNetwork):
             force[where], keep[where] = found.force_c, ~pulls
             if not pulls.any():
                 keep[overlaps] = True
-            rattling = shape_rattlers(found.packing, near.select(keep))
+            rattling = rattlers_of(near.select(keep))
             keep &= ~(rattling[near.i_c] | rattling[near.j_c])
             active, force_c, packing = near.select(keep).pairs, force[keep], found.packing
         return None

@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real, two_axes
+from packmech.contacts.pairs import pair_names
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
-from packmech.measure.counting import find_rattlers, packing_fraction
+from packmech.measure.counting import packing_fraction
+from packmech.measure.rattlers import find_rattlers
 from packmech.observables import Table, make_table
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, check_jammed, finish, pairs_of
+from packmech.protocols.protocol import Protocol, check_jammed, finish
 from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
@@ -464,7 +466,7 @@ def _changed(before: Packing, after: Packing) -> dict[str, Any]:
     moved_nd -= np.rint(moved_nd @ box.inverse_dd.T) @ box.lattice_dd.T
     # both in one box with the same images
     was, now = (
-        pairs_of(touching_pairs(one))
+        set(pair_names(touching_pairs(one)))
         for one in (before.replace(box=before.box.reduced()[0]), after.replace(position_nd=start_nd + moved_nd))
     )
     held = ~(find_rattlers(before) | find_rattlers(after))

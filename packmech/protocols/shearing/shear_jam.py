@@ -164,15 +164,13 @@ class _Shearing:
         outcome = self.spans.come_to_rest(lambda: self._advance(still), self._at_rest, _LOOK)
         if outcome is not Outcome.CONVERGED:
             return outcome
-        a, b = self.axes
-        stress = self.spans.stress_dd
-        self.rows.append((self.strain, self._pressure(), 0.5 * float(stress[a, b] + stress[b, a])))
-        self.loop.report("at rest", strain=self.strain, pressure=self._pressure())
-        return Outcome.CONVERGED if self._pressure() >= self.pressure else Outcome.UNJAMMED
+        self.rows.append((self.strain, self.spans.pressure, self.spans.shear_stress(self.axes)))
+        self.loop.report("at rest", strain=self.strain, pressure=self.spans.pressure)
+        return Outcome.CONVERGED if self.spans.pressure >= self.pressure else Outcome.UNJAMMED
 
     def _at_rest(self) -> bool:
         # what flies about without pushing is loose, and never balances
-        if self._pressure() < _LOOSE * self.pressure:
+        if self.spans.pressure < _LOOSE * self.pressure:
             return True
         if not self.spans.residual <= self.force_tolerance:
             return False
@@ -180,10 +178,6 @@ class _Shearing:
 
     def _forces(self) -> ContactForces:
         return contact_forces(self.scene.replace(packing=self.spans.scene.packing))
-
-    def _pressure(self) -> float:
-        stress: NDArray[np.float64] = self.spans.stress_dd
-        return -float(np.trace(stress)) / len(stress)
 
     def _advance(self, rate_dd: NDArray[np.float64]) -> Outcome:
         self.loop.check_time()
@@ -201,7 +195,7 @@ class _Shearing:
             forces = self._forces()
             residual = forces.residual
             principal = np.linalg.eigvalsh(0.5 * (spans.stress_dd + spans.stress_dd.T))
-            report["stress_anisotropy"] = float((principal[-1] - principal[0]) / (2.0 * self._pressure()))
+            report["stress_anisotropy"] = float((principal[-1] - principal[0]) / (2.0 * self.spans.pressure))
             report |= forces.to_dict()
         report |= {"strain_t": strain, "pressure_t": pressure, "shear_stress_t": stress}
         return Run(

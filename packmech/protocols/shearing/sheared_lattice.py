@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.jamming.room import displaced
 from packmech.packing import Packing
 
 # positions this many lattice vectors away are wrapped
@@ -67,7 +66,7 @@ class ShearedLattice:
         step, d = further - strain, packing.dimension
         along = np.hstack([packing.position_nd @ gradient_dd.T + u_nq[:, :d], u_nq[:, d:]])
         size = 1.0 + step * float(np.trace(gradient_dd)) / d
-        return displaced(packing, step * along).replace(box=self.box(further, packing.box.volume * size**d))
+        return packing.moved(step * along).replace(box=self.box(further, packing.box.volume * size**d))
 
     def identity(
         self, contacts: Any, first_c: NDArray[np.int64], second_c: NDArray[np.int64]

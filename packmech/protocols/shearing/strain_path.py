@@ -9,10 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.contacts.network import Contacts
+from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
-from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.contacts.shape_rattlers import shape_rattlers
 from packmech.measure.stress import energy, stress_tensor
 from packmech.minimize.second_order.soft_network import Response, SoftNetwork
 from packmech.minimize.second_order.soft_newton import SoftState, descend, newton
@@ -418,12 +416,6 @@ def work_between(one: Sheared, other: Sheared) -> float:
     return step * 0.5 * (one.slope + other.slope) + step**2 / 12.0 * (one.curvature - other.curvature)
 
 
-def pair_names(near: Contacts | ShapeContacts) -> list[tuple[int, ...]]:
-    """Return pairs as (i, j, image), or by the sites of shapes that touch."""
-    first, second = (near.site_i_c, near.site_j_c) if isinstance(near, ShapeContacts) else (near.i_c, near.j_c)
-    return [tuple(row) for row in np.column_stack([first, second, near.image_cd]).tolist()]
-
-
 def bearing_pairs(packing: Packing, network: SoftNetwork) -> tuple[Pairs, NDArray[np.bool_]]:
     """Return the touching pairs of particles that are no rattlers, and which particles are none."""
     near = network.contacts
@@ -433,6 +425,6 @@ def bearing_pairs(packing: Packing, network: SoftNetwork) -> tuple[Pairs, NDArra
         bears = push > 1e-7 * push.mean() if len(push) else np.zeros(0, dtype=bool)
         held = near.select(bears).count_n() > 0
     else:
-        held = ~(rattlers_of(near) if packing.shapes is None else shape_rattlers(packing, near))
+        held = ~(rattlers_of(near))
         bears = held[near.i_c] & held[near.j_c]
     return frozenset(pair_names(near.select(bears))), held
