@@ -20,6 +20,7 @@ from packmech.dynamics.friction import slip_of_discs, turning_axes
 from packmech.dynamics.rigid_bodies import BodyRows, body_rows
 from packmech.effects import body_energy, body_force
 from packmech.jit.compiled import compiled_form, inlined
+from packmech.minimize.passes.interaction_rows import law_between
 from packmech.minimize.passes.kernels import coincident_direction
 from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows, ShapeTouch, shape_rows
 from packmech.packing import Packing
@@ -40,6 +41,25 @@ def by_shape(discs: Any, spheroids: Any, bodies: Any) -> Any:
 
     compiled_form(chosen, inline=True)(choose)
     return chosen
+
+
+@inlined
+def _law_of_discs(shapes, effects, body, i, j, r):
+    return law_between(None, effects, body, i, j, r)
+
+
+@inlined
+def _law_of_spheroids(shapes, effects, body, i, j, r):
+    return law_between(shapes, effects, body, i, j, r)
+
+
+@inlined
+def _law_of_bodies(shapes, effects, body, i, j, r):
+    return law_between(shapes.beads, effects, body, i, j, r)
+
+
+# the PairLaw of interactions between two rows at a distance, and the slopes of the alignment along rotations of i
+law_of_rows = by_shape(_law_of_discs, _law_of_spheroids, _law_of_bodies)
 
 
 def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | None:

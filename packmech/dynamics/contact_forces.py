@@ -8,6 +8,7 @@ pair, which the visitor may change. What a scene lacks is None, and numba leaves
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from numba import literal_unroll, types
 
 from packmech.dynamics.by_shape import (
     contact_axes,
+    law_of_rows,
     place_of_spring,
     rate_of_touch,
     relax_all,
@@ -37,8 +39,11 @@ from packmech.dynamics.friction import (
     torque_of,
 )
 from packmech.dynamics.pair_lists import NO_SLOT, inner_stretches
-from packmech.effects import pair_elastic, pair_energy, pair_first
+from packmech.effects import is_interaction, pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import compiled_form, inlined
+
+# what `Pull` says of a tangential spring where there is none
+_NO_SPRING = Across(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class ContactLaws(NamedTuple):
@@ -155,7 +160,7 @@ def energy_of(effects, touch):
 @inlined
 def _no_friction(friction, laws, pair, k, touch, u, normal):
     nothing = 0.0, 0.0, 0.0
-    return Across(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), nothing, nothing
+    return _NO_SPRING, nothing, nothing
 
 
 @inlined
@@ -206,6 +211,43 @@ def pull_of_touch(laws, pair, k, touch):
     )  # fmt: skip
 
 
+@inlined
+def pull_beyond(effects, laws, pair):
+    """Return the energy of a pair's interactions, touching or not, and what these do to the two rows."""
+    r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
+    law, x, y, z = law_of_rows(laws.shapes, effects, laws.body, pair.i, pair.j, r)
+    push = law.first / r if r > 0.0 else 0.0
+    x, y, z = law.turning * x, law.turning * y, law.turning * z
+    return law.energy, Pull(
+        push * pair.dx, push * pair.dy, push * pair.dz, (-x, -y, -z), (x, y, z), abs(law.first), _NO_SPRING
+    )
+
+
+def has_interactions(effects: Any) -> bool:
+    """Return whether a tuple of effects, or numba's type of one, holds interactions beyond contact."""
+    return any(is_interaction(one) for one in effects)
+
+
+def push_beyond(effects: Any, pushing: Pushing, laws: ContactLaws, pair: Pair) -> None:
+    """Add what a pair's interactions do to its rows; nothing where a scene has none."""
+    raise NotImplementedError("pairs are visited in compiled loops")
+
+
+@inlined
+def _push_beyond(effects, pushing, laws, pair):
+    _, pull = pull_beyond(effects, laws, pair)
+    add_force(laws.axes, pushing.spins, pushing.push, pair.i, pull)
+    if pair.slot == NO_SLOT:
+        add_reaction(laws.axes, pushing.spins, pushing.push, pair.j, pull)
+    else:
+        add_reaction(laws.axes, pushing.spins, pushing.slot_qk, pair.slot, pull)
+
+
+@compiled_form(push_beyond, inline=True)
+def _choose_push_beyond(effects: Any, pushing: Any, laws: Any, pair: Any) -> Any:
+    return _push_beyond if has_interactions(effects) else lambda effects, pushing, laws, pair: None
+
+
 class Pushing(NamedTuple):
     """The visitor that adds forces and torques to the rows of a block, and to slots what reaches other blocks."""
 
@@ -223,6 +265,7 @@ def _push(pushing, laws, pair, value):
         # a slot is its pair's alone; as many as a force and torque: a loop of unknown length would become a call
         for a in range(len(axes) + len(spins)):
             slot_qk[slot, a] = 0.0
+    push_beyond(laws.effects, pushing, laws, pair)
     if not is_near(laws, pair):
         relax_all(laws.shapes, axes, laws.stretch_pk, pair.p)
         return value

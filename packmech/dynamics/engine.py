@@ -63,11 +63,20 @@ from packmech.dynamics.time_step import (
     advance,
     run_steps,
 )
-from packmech.effects import Bonds, Friction, Walls, held_particles, held_velocity, refuse_tangential_bonds
+from packmech.effects import (
+    Bonds,
+    Friction,
+    Walls,
+    held_particles,
+    held_velocity,
+    is_interaction,
+    reach_beyond_contact,
+    refuse_tangential_bonds,
+)
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.passes.kernels import RUNNING
-from packmech.minimize.passes.pair_list import SKIN_FULL
+from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL
 from packmech.minimize.program import space_order
 from packmech.packing import Packing
 from packmech.result import Condition
@@ -426,7 +435,8 @@ class Engine:
             table = bond_table(bonds, self.order_n, self.wrap_nd, self.change_dd, bond_stretches(table))
         self.space = Space(self.space.sizes, frame, flow, table, None)
         self._link_rows()
-        self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], float(self.pairs.number[SKIN_FULL]))
+        skin, beyond = (float(self.pairs.number[one]) for one in (SKIN_FULL, BEYOND))
+        self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], skin, beyond)
         self.track = None if self.track is None else empty_track(d, most_beads(packing))
 
     def _link_rows(self) -> None:
@@ -679,7 +689,7 @@ def build_engine(
             "scene.packing must have no rigid links where the box deforms: they are held in a box at rest only, got "
             f"{len(packing.links)} links"
         )
-    pairs = tuple(one for one in scene.effects if hasattr(type(one), "pair_first"))
+    pairs = tuple(one for one in scene.effects if hasattr(type(one), "pair_first") or is_interaction(one))
     bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
     friction = next((one for one in scene.effects if isinstance(one, Friction)), None)
     bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
@@ -741,7 +751,7 @@ def build_engine(
             lead,
         ),
         space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table, None),
-        pairs=empty_pairs(n, d + spins, skin),
+        pairs=empty_pairs(n, d + spins, skin, reach_beyond_contact(scene.effects, packing.radius_n)),
         track=empty_track(d, most_beads(packing)) if friction is not None else None,
         dt=dt,
         second_order=second_order,

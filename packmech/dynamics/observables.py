@@ -14,11 +14,20 @@ from packmech.constraints.compiled_links import ERROR
 from packmech.constraints.rattle import measure_tensions
 from packmech.dynamics.bonds import bond_energy, bond_vector, pull_of_bond
 from packmech.dynamics.by_shape import energy_of_row, measure_spinning, touch_of_rows, touches_of
-from packmech.dynamics.contact_forces import energy_of, is_near, laws_of, pull_of_touch, visitor, walk_pairs
+from packmech.dynamics.contact_forces import (
+    energy_of,
+    has_interactions,
+    is_near,
+    laws_of,
+    pull_beyond,
+    pull_of_touch,
+    visitor,
+    walk_pairs,
+)
 from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
 from packmech.dynamics.friction import Now
 from packmech.effects import spin_drag
-from packmech.jit.compiled import device, inlined, lean
+from packmech.jit.compiled import compiled_form, device, inlined, lean
 
 # columns of a row of observables
 TIME, STRAIN, RATE = 0, 1, 2
@@ -168,9 +177,28 @@ class ContactSums(NamedTuple):
     force: Any
 
 
+def _with_interactions(effects: Any, laws: Any, pair: Any, sums: ContactSums) -> ContactSums:
+    """Return the sums with what a pair's interactions beyond contact add; the same where a scene has none."""
+    raise NotImplementedError("observables are summed in compiled loops")
+
+
+@inlined
+def _add_beyond(effects, laws, pair, sums):
+    energy, pull = pull_beyond(effects, laws, pair)
+    force = dyad(laws.axes, sums.force, pull.fx, pull.fy, pull.fz, pair.dx, pair.dy, pair.dz)
+    total = sums.total + pull.normal
+    return ContactSums(sums.potential + energy, sums.tangential, sums.contacts, sums.slides, total, force)
+
+
+@compiled_form(_with_interactions, inline=True)
+def _choose_with_interactions(effects: Any, laws: Any, pair: Any, sums: Any) -> Any:
+    return _add_beyond if has_interactions(effects) else lambda effects, laws, pair, sums: sums
+
+
 @visitor(Summing)
 @inlined
 def _add_up(summing, laws, pair, sums):
+    sums = _with_interactions(laws.effects, laws, pair, sums)
     if is_near(laws, pair):
         for k in range(touches_of(laws.shapes, pair.i, pair.j)):
             touch = touch_of_rows(laws.shapes, laws.axes, laws.body, pair, k)

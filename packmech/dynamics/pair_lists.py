@@ -34,6 +34,7 @@ from packmech.dynamics.deformation import (
 from packmech.jit.compiled import compiled_form, device, inlined, inner_lean, kernel
 from packmech.minimize.passes.pair_list import (
     AGE,
+    BEYOND,
     BUDGET,
     DISPLACED,
     NUMBERS,
@@ -102,7 +103,7 @@ def empty_slots(blocks: int, width: int) -> Slots:
     return Slots(np.zeros((0, width)), np.zeros(0, dtype=np.uint32), first, np.zeros(blocks, dtype=np.int64))
 
 
-def empty_pairs(rows: int, width: int, skin: float) -> Pairs:
+def empty_pairs(rows: int, width: int, skin: float, beyond: float = 0.0) -> Pairs:
     """Return lists that are out of date, so that their first use makes them.
 
     Parameters
@@ -113,9 +114,12 @@ def empty_pairs(rows: int, width: int, skin: float) -> Pairs:
         Forces and torques of a row: numbers in a slot.
     skin
         Outer skin [length].
+    beyond
+        How far beyond contact pairs act on each other [length].
 
     """
     number = np.zeros(NUMBERS)
+    number[BEYOND] = beyond
     number[SKIN_OUTER] = -1.0
     number[SKIN_FULL] = skin
     number[SKIN_INNER] = 0.25 * skin
@@ -217,7 +221,7 @@ def choose_inner(axes, body, pairs, skin):
     mask = np.uint64((1 << pairs.bits) - 1)
     row_b, slots = pairs.row_b, pairs.slots
     blocks = row_b.shape[0] - 1
-    put = 0
+    put, reach = 0, pairs.number[BEYOND] + skin
     for b in range(blocks + 1):
         slots.start_b[b] = 0
     for s in range(2 * blocks):
@@ -234,7 +238,7 @@ def choose_inner(axes, body, pairs, skin):
             if len(axes) == 3:
                 dz = body[j, 2] - body[i, 2] + pairs.shift_kd[k, 2]
                 square += dz * dz
-            limit = body[i, 3] + body[j, 3] + skin
+            limit = body[i, 3] + body[j, 3] + reach
             pairs.i_p[put] = i
             pairs.j_p[put] = j
             pairs.place_p[put] = p
@@ -460,6 +464,7 @@ def is_stale(flow, number, reach, moved):
     """
     number[DISPLACED] += moved
     number[AGE] += 1.0
+    reach += number[BEYOND]
     bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
     # displacements since the anchor were strained themselves; what is not a number is too far
     return not number[DISPLACED] * (1.0 + 2.0 * bent / reach) + bent <= number[BUDGET]
@@ -470,7 +475,7 @@ def update_lists(axes, body, space, pairs, track):
     """Make stale lists valid; return whether that takes a new search."""
     number = pairs.number
     flow = space.flow
-    reach = largest_contact(space.sizes)
+    reach = largest_contact(space.sizes) + number[BEYOND]
     room = 0.5 * number[SKIN_INNER]
     bent = strained(flow, ANCHORED, reach + number[SKIN_INNER])
     gone = displaced(flow, body, pairs.anchor_nd, ANCHORED)
@@ -493,7 +498,8 @@ def update_lists(axes, body, space, pairs, track):
 def search(axes, body, space, pairs, track):
     """Return lists rebuilt at the present positions and strain, and the track with the stretches kept."""
     store_stretches(track, pairs)
-    found = find_pairs(axes, body, space.sizes, space.frame, 1.0, pairs.number[SKIN_FULL])
+    reach = pairs.number[BEYOND] + pairs.number[SKIN_FULL]
+    found = find_pairs(axes, body, space.sizes, space.frame, 1.0, reach)
     found = without_linked(space.linked, without_bonded(space.bonds, found))
     new = rebuilt_pairs(found, body, pairs)
     track = carried_stretches(track, pairs, new)

@@ -22,7 +22,7 @@ from packmech.loop.run_loop import Progress, RunLoop, run_settings
 from packmech.scene import Scene
 
 
-@honors("repulsion damping friction bonds gravity walls drag held links shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag held links shapes")
 def simulate(
     scene: Scene,
     *,
@@ -150,7 +150,7 @@ def simulate(
     return task.run(begin)
 
 
-@honors("repulsion damping friction bonds gravity walls drag held links shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag held links shapes")
 def resume(
     path: str | os.PathLike[str],
     scene: Scene,

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.elements import Elements
 from packmech.contacts.excluded import Excluded
-from packmech.contacts.network import Contacts, candidate_pairs, pair_contacts
+from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.effects.pair import hook_of
 from packmech.jit.compiled import compiled_form, kernel
 from packmech.packing import Packing
@@ -149,6 +149,19 @@ class Interactions:
         """The (C, X) derivatives of the energies by the pairs' coordinates."""
         return np.asarray(np.einsum("ck,ckx->cx", self.first_ck, self.slope_ckx))
 
+    def net(self) -> NDArray[np.float64]:
+        """Return the (N, d + t) net forces and torques, t = 0 for discs and spheres."""
+        d, t = self.pairs.dimension, self.turning_ct.shape[1]
+        pull, total = self.pull_cx, np.zeros((self.pairs.particles, d + t))
+        for end, sign, begin in ((self.pairs.i_c, 1.0, d), (self.pairs.j_c, -1.0, d + t)):
+            force = np.hstack([sign * pull[:, :d], -pull[:, begin : begin + t]])
+            total += np.stack([np.bincount(end, part, len(total)) for part in force.T], axis=1)
+        return total
+
+    def virial(self) -> NDArray[np.float64]:
+        """Return the (d, d) stress times the volume, tension positive [energy]."""
+        return np.asarray(self.pull_cx[:, : self.pairs.dimension].T @ self.pairs.vector_cd)
+
     def select(self, keep_c: NDArray[Any]) -> Interactions:
         """Return the pairs that a mask or an index array names."""
         parts = (self.energy_c, self.first_ck, self.second_ckk, self.turning_ct, self.bending_cxx)
@@ -202,8 +215,10 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
 
     """
     acting = interactions_of(effects)
-    beyond, scale = reach_beyond_contact(acting, packing.radius_n), 1.0 if acting else 0.0
-    near = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=beyond)
+    near = Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension), np.int64))
+    if acting:
+        beyond = reach_beyond_contact(acting, packing.radius_n)
+        near = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=beyond)
     pairs = pair_contacts(packing, *near)
     if packing.links is not None and len(pairs):
         pairs = pairs.select(~Excluded(packing).mask(pairs.i_c, pairs.j_c, pairs.image_cd))

@@ -17,9 +17,11 @@ from packmech.contacts.rattlers import rough_ends_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
     Bonds,
+    Interactions,
     ShapedTerms,
     acts_on_single,
     contact_terms,
+    find_interactions,
     held_particles,
     refuse_unknown_to_shapes,
     shaped_terms,
@@ -88,6 +90,11 @@ class ContactForces:
         return single_push(self.scene)
 
     @functools.cached_property
+    def interactions(self) -> Interactions:
+        """What acts between centers beyond contact, perhaps nothing."""
+        return find_interactions(self.scene.packing, self.scene.effects)
+
+    @functools.cached_property
     def force_nd(self) -> NDArray[np.float64]:
         """The (N, d) net forces, weights and pushes of walls included, none on what is held [force].
 
@@ -95,7 +102,11 @@ class ContactForces:
         """
         force = self.force_cd
         net = sum_both(self.contacts, force, -force) + self._pushes.force_nd
-        return self._free(net if self.bonded is None else net + self.bonded.forces())
+        if self.bonded is not None:
+            net += self.bonded.forces()
+        if len(self.interactions):
+            net += self.interactions.net()[:, : net.shape[1]]
+        return self._free(net)
 
     @functools.cached_property
     def torque_nk(self) -> NDArray[np.float64]:
@@ -104,7 +115,10 @@ class ContactForces:
         In [force * length]. Forces act at the points of contact: for discs and spheres, and beads, at their shares of
         the distance, r_i d / (r_i + r_j), as in `Friction`.
         """
-        return self._free(sum_both(self.contacts, *self.torque_ck) + self._pushes.torque_nk)
+        net, d = sum_both(self.contacts, *self.torque_ck) + self._pushes.torque_nk, self.contacts.dimension
+        if self.interactions.turning_ct.size:
+            net += self.interactions.net()[:, d:]
+        return self._free(net)
 
     @property
     def torque_ck(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -147,6 +161,7 @@ class ContactForces:
         size, count = float(np.abs(self.normal_c).sum()) + push, len(self.contacts) + pushes
         if self.bonded is not None:
             size, count = size + float(np.abs(self.bonded.terms.first_c).sum()), count + len(self.bonded.pairs)
+        size, count = size + float(np.abs(self.interactions.first_ck[:, 0]).sum()), count + len(self.interactions)
         return size / count if count else 0.0
 
     @functools.cached_property
@@ -177,7 +192,7 @@ class ContactForces:
     @property
     def contact_stress_dd(self) -> NDArray[np.float64]:
         """The (d, d) stress that contacts and bonds bear [energy/length^d], tension positive, row = force component."""
-        virial = np.asarray(self.force_cd.T @ self.contacts.vector_cd)
+        virial = np.asarray(self.force_cd.T @ self.contacts.vector_cd) + self.interactions.virial()
         if self.bonded is not None:
             virial = virial + self.bonded.virial()
         return virial / self.scene.packing.box.volume
@@ -406,7 +421,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion friction bonds gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction bonds interactions gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 

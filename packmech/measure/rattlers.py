@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.constraints.factor import DEPENDENT, ConstraintFactor
 from packmech.contacts import Contacts, pair_contacts
-from packmech.contacts.elements import distance_rows
+from packmech.contacts.elements import distance_rows, end_slopes
 from packmech.contacts.given import check_given, contacts_of
 from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, turns_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import Walls, held_particles, single_effects, wall_sides
+from packmech.effects import Walls, find_interactions, held_particles, single_effects, wall_sides
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, factorize
@@ -84,17 +84,19 @@ def rattlers_among(
     walls = _wall_ends(packing, effects)
     pressed = not all(isinstance(one, Walls) for one in single_effects(effects))
     turns = turns_of(packing.turn_nkt) | (rough is not None)
+    pulls = _interaction_ends(packing, effects)
     if pressed or (turns.any() and len(packing.rigid_links)):
         held |= contacts.count_n() > 0
-        held[walls.body_e] = True
+        held[walls.body_e] = held[pulls.body_e] = True
         return np.asarray(np.bincount(cluster, held)[cluster] == 0)
-    ends = join_ends([ends_of(contacts) if rough is None else rough, walls])
+    ends = join_ends([ends_of(contacts) if rough is None else rough, walls, pulls])
     # a cluster's contact with its own image holds it, one within it does not
     offset = packing.unwrapping_nd
     inside = (cluster[contacts.i_c] == cluster[contacts.j_c]) & (
         contacts.image_cd == offset[contacts.j_c] - offset[contacts.i_c]
     ).all(axis=1)
-    between = ~np.concatenate([inside, inside, np.zeros(len(walls.body_e), dtype=bool)])
+    pulled = cluster[pulls.body_e] == cluster[pulls.other_e]
+    between = ~np.concatenate([inside, inside, np.zeros(len(walls.body_e), dtype=bool), pulled])
     body, other, push, side = (part[between] for part in ends)
     ends = Ends(cluster[body], np.where(other < 0, -1, cluster[other]), push, side)
     bodies = int(cluster.max()) + 1
@@ -102,6 +104,19 @@ def rattlers_among(
     turns_b[cluster] = turns
     held_b = np.bincount(cluster, held, bodies) > 0
     return rattling_bodies(ends, turns_b, d, friction=friction, held_b=held_b)[cluster]
+
+
+def _interaction_ends(packing: Packing, effects: tuple[Any, ...]) -> Ends:
+    """Return the ends of interactions, which hold particles both ways: by distances, and directions by alignments."""
+    found, turn = find_interactions(packing, effects), packing.turn_nkt
+    i, j, d = found.pairs.i_c, found.pairs.j_c, packing.dimension
+    slope = np.concatenate(
+        [end_slopes(i, j, found.slope_ckx[:, k], turn, d).reshape(2 * len(i), -1) for k in range(2 if turn.size else 1)]
+    )
+    times = len(slope) // max(2 * len(i), 1)
+    body, other = np.tile(np.concatenate([i, j]), times), np.tile(np.concatenate([j, i]), times)
+    push = np.concatenate([slope, -slope])
+    return Ends(np.tile(body, 2), np.tile(other, 2), push, np.zeros((len(push), 0, push.shape[1])))
 
 
 def _wall_ends(packing: Packing, effects: tuple[Any, ...]) -> Ends:
@@ -391,7 +406,11 @@ def _moving_apart(backbone: Contacts, independent: sp.csr_array) -> NDArray[np.b
 
 @honors("links shapes", packing_only=True)
 def find_rattlers(
-    packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | ShapeContacts | None = None
+    packing: Packing,
+    *,
+    gap_tolerance: float | None = None,
+    contacts: Contacts | ShapeContacts | None = None,
+    effects: tuple[Any, ...] = (),
 ) -> NDArray[np.bool_]:
     """Return, for each particle, whether it rattles: its contacts with particles that do not rattle fail to hold it.
 
@@ -412,6 +431,9 @@ def find_rattlers(
         goes by the mean overlap: `contacts=verdict.touching.contacts` gives the pairs that a verdict took.
     contacts
         The contacts to judge by instead of those within `gap_tolerance`.
+    effects
+        Effects of a scene that hold particles beside contacts, such as interactions beyond them and walls: with these
+        linked particles rattle as a cluster.
 
     Raises
     ------
@@ -436,7 +458,7 @@ def find_rattlers(
         contacts = touching_pairs(packing, gap_tolerance)
     else:
         check_given(packing, contacts)
-    return rattling_particles(packing, contacts)
+    return rattlers_among(packing, contacts, effects) if effects else rattling_particles(packing, contacts)
 
 
 @honors("links shapes", packing_only=True)

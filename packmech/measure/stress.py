@@ -36,7 +36,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 
 
 @honors(
-    "repulsion friction bonds gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -69,11 +69,12 @@ def energy(scene: Scene) -> float:
     whole = float(np.add.reduce(contact_terms(scene.effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
     if found.bonded is not None:
         whole += float(np.add.reduce(found.bonded.terms.energy_c))
+    whole += float(np.add.reduce(found.interactions.energy_c))
     return whole + float(np.add.reduce(springs)) + float(np.add.reduce(terms.energy_n))
 
 
 @honors(
-    "repulsion friction bonds gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -101,7 +102,7 @@ def forces(scene: Scene) -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction bonds gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -149,7 +150,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction bonds gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -178,7 +179,7 @@ def pressure(scene: Scene, *, parts: str = "total") -> float:
     return (0.0 - float(np.trace(stress_tensor(scene, parts=parts)))) / scene.packing.dimension
 
 
-@honors("repulsion friction bonds gravity walls held links", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction bonds interactions gravity walls held links", at_rest=True, link_tolerance=STRAINED)
 def link_tension(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
 

@@ -32,6 +32,7 @@ from packmech.effects import (
     BackgroundDamping,
     Bonds,
     Friction,
+    find_interactions,
     is_bound,
     pair_first,
     refuse_tangential_bonds,
@@ -228,7 +229,7 @@ def _bonded(bonds: Bonds, found: BondedPairs) -> _Pairs:
 
 
 @honors(
-    "repulsion damping friction bonds gravity drag shapes",
+    "repulsion damping friction bonds interactions gravity drag shapes",
     remarks={
         "walls": "walls follow no strain of the box",
         "held": "give those that follow the box as held_n",
@@ -299,6 +300,7 @@ def complex_modulus(
     network = network_among(packing, touching.pairs, np.ones(n, dtype=bool), scene.effects, turn)
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
     springs, dashpots = zip(*(one.elements(packing) for one in found), strict=True)
+    springs = (*springs, find_interactions(packing, scene.effects).elements())
     single, gradients = single_second(scene, network), np.eye(d * d).reshape(-1, d, d)
     elastic = assemble(springs, turn, d, single_nqq=single, basis_edd=gradients)
     viscous = assemble(dashpots, turn, d, basis_edd=gradients)

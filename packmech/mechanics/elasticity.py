@@ -452,7 +452,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
-@honors("repulsion friction bonds links shapes", at_rest=True, apart="friction+bonds")
+@honors("repulsion friction bonds interactions links shapes", at_rest=True, apart="friction+bonds")
 def elastic_moduli(
     scene: Scene,
     *,
@@ -675,7 +675,7 @@ _ZERO = 1e-10
 _CARRIES = 1e-6
 
 
-@honors("repulsion bonds links shapes", at_rest=True, rough="pm.elastic_moduli")
+@honors("repulsion bonds interactions links shapes", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,
     *,

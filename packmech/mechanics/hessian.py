@@ -57,7 +57,7 @@ def check_strain_of_box(scene: Scene, strain: BoxStrain) -> None:
 
 
 @honors(
-    "repulsion bonds gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
     link_tolerance=STRAINED,
@@ -148,7 +148,7 @@ def _width(scene: Scene) -> int:
 
 
 @honors(
-    "repulsion bonds gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )
@@ -231,7 +231,7 @@ def dynamical_matrix(
 
 
 @honors(
-    "repulsion bonds gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )

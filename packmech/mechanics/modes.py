@@ -124,7 +124,7 @@ class Modes:
 
 
 @honors(
-    "repulsion bonds gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes",
     at_rest=True,
     rough="pm.frictional_modes",
 )
@@ -502,7 +502,7 @@ class StateDensity:
 
 
 @honors(
-    "repulsion bonds gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes",
     at_rest=True,
     rough="pm.frictional_modes",
 )

@@ -19,6 +19,7 @@ from packmech.effects import (
     Repulsion,
     Walls,
     held_particles,
+    interactions_of,
     refuse_free_fall,
     refuse_unknown_to_shapes,
     single_effects,
@@ -58,7 +59,12 @@ _COINCIDENT = 0.99
 _FLOORS = 8.0
 
 
-@honors("repulsion bonds gravity walls held links shapes", at_rest=True, rough="pm.settle", apart="bonds+shapes")
+@honors(
+    "repulsion bonds interactions gravity walls held links shapes",
+    at_rest=True,
+    rough="pm.settle",
+    apart="bonds+shapes",
+)
 def quench(
     scene: Scene,
     *,
@@ -150,8 +156,11 @@ def quench(
     every = None if trace_every is None else integer("trace_every", trace_every, at_least=1)
     settings = run_settings(step_limit=step_limit, time_limit=time_limit, progress=progress, check=check)
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
-    if descent.bonded and isinstance(method, Newton):
-        raise ValueError("method must be none of second derivatives for a scene with Bonds, got Newton(): use Fire()")
+    if descent.beyond and isinstance(method, Newton):
+        raise ValueError(
+            "method must be none of second derivatives for a scene with Bonds or interactions beyond contact, got "
+            "Newton(): use Fire()"
+        )
 
     def work() -> Outcome:
         descent.separate()
@@ -215,11 +224,11 @@ class _Descent:
         self._trace = trace
         effects = scene.effects
         acting = [one for one in effects if hasattr(type(one), "body_energy")]
-        # Newton's method takes second derivatives, no bonds, and links and shapes only where nothing acts on single
+        # Newton takes second derivatives, nothing beyond contact, links and shapes only where nothing acts on single
         # particles
-        self.bonded = bonds_of(effects) is not None
+        self.beyond = bonds_of(effects) is not None or bool(interactions_of(effects))
         self.to_the_end = (
-            self.bonded
+            self.beyond
             or not all(hasattr(type(one), "body_second") for one in acting)
             or (
                 not scene.packing.plain

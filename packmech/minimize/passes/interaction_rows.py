@@ -21,8 +21,8 @@ def _listed(row, pairs, p):
     return i, j, row[j, 0] - row[i, 0] + sx, row[j, 1] - row[i, 1] + sy, row[j, 2] - row[i, 2] + sz
 
 
-@device
-def _law(shapes, effects, row, i, j, r):
+@inlined
+def law_between(shapes, effects, row, i, j, r):
     """Return the PairLaw of all interactions together, and the slopes of the alignment along rotations of i."""
     if shapes is None:
         sigma, alignment = row[i, 3] + row[j, 3], 1.0
@@ -68,7 +68,7 @@ def _push(shapes, effects, axes, row, force_nd, pairs):
     for p in range(pairs.count_b[0] + pairs.count_b[1]):
         i, j, dx, dy, dz = _listed(row, pairs, p)
         r = math.sqrt(dx * dx + dy * dy + dz * dz)
-        law, x, y, z = _law(shapes, effects, row, i, j, r)
+        law, x, y, z = law_between(shapes, effects, row, i, j, r)
         if law.first == 0.0 and law.turning == 0.0:
             continue
         push = law.first / r if r > 0.0 else 0.0
@@ -91,7 +91,7 @@ def _survey(shapes, effects, row, pairs, virial_dd, stiffness_n):
     for p in range(pairs.count_b[0] + pairs.count_b[1]):
         i, j, dx, dy, dz = _listed(row, pairs, p)
         r = math.sqrt(dx * dx + dy * dy + dz * dz)
-        law, _, _, _ = _law(shapes, effects, row, i, j, r)
+        law, _, _, _ = law_between(shapes, effects, row, i, j, r)
         whole += law.energy
         push = law.first / r if r > 0.0 else 0.0
         vector = (dx, dy, dz)
