@@ -3,9 +3,12 @@
 import json
 import subprocess
 import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+
+import packmech as pm
 
 MODULE = """
 from dataclasses import dataclass
@@ -209,3 +212,121 @@ def test_what_cannot_be_loaded_is_one_line_and_exit_code_2(folder, text, message
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2 and line.startswith("packmech: load must name a file that can be imported")
     assert message in line
+
+
+@pm.effect
+class Tether(NamedTuple):
+    """A contact of one's own: neighbors pull within a reach beyond contact, and turn each other the same way."""
+
+    strength: float = 0.03
+    torsion: float = 0.02
+    span: float = 1.3
+
+    def reach(self, contact_distance):
+        return self.span * contact_distance
+
+    def interaction_energy(self, distance, contact_distance, alignment):
+        far = 1.0 - distance / (self.span * contact_distance)
+        return far**3 * (self.torsion * (1.0 - alignment**2) - self.strength)
+
+    def interaction_first(self, distance, contact_distance, alignment):
+        span = self.span * contact_distance
+        far, well = 1.0 - distance / span, self.torsion * (1.0 - alignment**2) - self.strength
+        return -3.0 * far**2 * well / span, -2.0 * alignment * self.torsion * far**3
+
+    def interaction_second(self, distance, contact_distance, alignment):
+        span = self.span * contact_distance
+        far, well = 1.0 - distance / span, self.torsion * (1.0 - alignment**2) - self.strength
+        return 6.0 * far * well / span**2, 6.0 * alignment * self.torsion * far**2 / span, -2.0 * self.torsion * far**3
+
+
+TETHERED = {
+    "discs": {"dimension": 2, "packing_fraction": 0.9},
+    "ellipses": {"dimension": 2, "packing_fraction": 0.95, "shapes": pm.Ellipses(1.5)},
+    "spheroids": {"dimension": 3, "packing_fraction": 0.75, "shapes": pm.Ellipses(1.5)},
+    "bodies": {"dimension": 2, "packing_fraction": 0.9, "shapes": pm.Trimer()},
+}
+
+
+@pytest.fixture(scope="module", params=TETHERED)
+def tethered(request):
+    """A scene at rest under contacts and tethers."""
+    start = pm.random_packing(12, seed=4, **TETHERED[request.param])
+    scene = pm.Scene(start, (pm.Repulsion(), Tether()))
+    run = pm.quench(scene, force_tolerance=1e-11)
+    assert run.residual <= 1e-11 and pm.energy(scene.replace(packing=run.packing)) < pm.energy(scene)
+    return scene.replace(packing=run.packing)
+
+
+def slopes(scene):
+    """The (N, q) slopes of the energy along positions and turns, in lengths."""
+    turn = scene.packing.turn_nkt
+    torque = np.reshape(pm.torques(scene), (scene.packing.particles, -1))[:, : turn.shape[2]]
+    return -np.hstack([pm.forces(scene), np.einsum("nkt,nt->nk", turn, torque)])
+
+
+def moved(scene, change_nq):
+    return scene.replace(packing=scene.packing.moved(change_nq))
+
+
+def test_a_contact_of_ones_own_pushes_and_turns_by_its_energy(tethered):
+    rng = np.random.default_rng(1)
+    aside = moved(tethered, 0.05 * rng.normal(size=slopes(tethered).shape))
+    direction, step = rng.normal(size=slopes(aside).shape), 1e-6
+    ends = [pm.energy(moved(aside, side * step * direction)) for side in (1.0, -1.0)]
+    assert (slopes(aside) * direction).sum() == pytest.approx((ends[0] - ends[1]) / (2.0 * step), rel=1e-6)
+
+
+def test_its_hessian_and_modes_are_differences_of_its_forces(tethered):
+    rng, step = np.random.default_rng(2), 1e-6
+    hessian = pm.hessian(tethered, "none").toarray()
+    direction = rng.normal(size=slopes(tethered).shape)
+    found = (hessian @ direction.ravel()).reshape(direction.shape)
+    expected = (slopes(moved(tethered, step * direction)) - slopes(moved(tethered, -step * direction))) / (2.0 * step)
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+    dynamical = pm.dynamical_matrix(tethered).toarray()
+    modes = pm.normal_modes(tethered)
+    assert modes.eigenvalue_m[-3:] == pytest.approx(np.linalg.eigvalsh(dynamical)[-3:], rel=1e-9)
+
+
+def test_its_moduli_are_those_of_strained_and_quenched_packings_and_of_slow_shear(tethered):
+    moduli, step, d = pm.elastic_moduli(tethered, rattlers="keep"), 1e-6, tethered.packing.dimension
+    shear = np.zeros((d, d))
+    shear[0, 1] = shear[1, 0] = 0.5
+    ends = []
+    for side in (1.0, -1.0):
+        map_dd, packing = np.eye(d) + side * step * shear, tethered.packing
+        box = pm.Box(map_dd @ packing.box.lattice_dd)
+        there = packing.replace(position_nd=packing.position_nd @ map_dd.T, box=box)
+        run = pm.quench(tethered.replace(packing=there), force_tolerance=1e-13, check=False)
+        ends.append(pm.stress_tensor(tethered.replace(packing=run.packing)))
+    found = pm.mandel_vector(0.5 * (ends[0] - ends[1] + (ends[0] - ends[1]).T)) / (2.0 * step)
+    expected = moduli.cauchy @ pm.mandel_vector(shear)
+    assert found == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
+    # slow simple shear: what pure shear and a rotation of the stress make
+    stress = pm.stress_tensor(tethered)
+    turned = 0.5 * (stress[1, 1] - stress[0, 0])
+    slow = pm.complex_modulus(tethered, [1e-7]).modulus_f[0].real
+    assert slow == pytest.approx(expected[-1] / np.sqrt(2.0) + turned, rel=1e-5)
+
+
+def test_it_holds_particles_that_touch_nothing():
+    at = [[1.0 + 1.15 * k, 1.0 + 1.15 * m] for k in range(3) for m in range(3)]
+    packing = pm.Packing(at, [0.5] * 9, pm.Box.cubic(3.45, 2))
+    assert pm.find_rattlers(packing).all()
+    assert not pm.find_rattlers(packing, effects=(Tether(),)).any()
+    assert pm.find_rattlers(packing, effects=(Tether(span=1.1),)).all()
+
+
+def test_its_motion_keeps_the_energy_to_second_order_and_is_that_of_its_forces(tethered):
+    rng = np.random.default_rng(3)
+    velocity = 0.02 * rng.normal(size=tethered.packing.position_nd.shape)
+    drift = []
+    for dt in (0.02, 0.01):
+        steps = round(2.0 / dt)
+        run = pm.simulate(tethered, steps=steps, dt=dt, velocity_nd=velocity, trace_every=steps, check=False)
+        numbers = run.to_dict()
+        energy = pm.energy(tethered.replace(packing=run.packing))
+        assert numbers["potential_energy"] == pytest.approx(energy, rel=1e-9)
+        drift.append(abs(numbers["energy_drift"]))
+    assert drift[1] < 0.4 * drift[0]

@@ -17,6 +17,25 @@ for _name in dir(pm):
 NO_MECHANICS = {"write_scene", "write_packing", "write_table", "record_packing", "record_run", "write_pictures", "run"}
 
 
+@pm.effect
+class Tug(NamedTuple):
+    """An attraction beyond contact."""
+
+    strength: float = 0.05
+
+    def reach(self, contact_distance):
+        return 1.3 * contact_distance
+
+    def interaction_energy(self, distance, contact_distance, alignment):
+        return -self.strength * (1.3 - distance / contact_distance) ** 3
+
+    def interaction_first(self, distance, contact_distance, alignment):
+        return 3.0 * self.strength * (1.3 - distance / contact_distance) ** 2 / contact_distance, 0.0
+
+    def interaction_second(self, distance, contact_distance, alignment):
+        return -6.0 * self.strength * (1.3 - distance / contact_distance) / contact_distance**2, 0.0, 0.0
+
+
 def small():
     """Return a few discs that overlap a little, in a cell with room."""
     spot = np.array([[0.6, 0.62], [1.5, 0.6], [2.42, 0.7], [0.62, 1.5], [1.53, 1.52], [2.4, 1.6], [1.1, 2.3]])
@@ -37,6 +56,7 @@ def effects(silent=None):
         "damping": pm.ContactDamping(0.0 if silent == "damping" else 0.2),
         "friction": pm.Friction(0.0 if silent == "friction" else 0.5),
         "bonds": none if silent == "bonds" else few,
+        "interactions": Tug(0.0 if silent == "interactions" else 0.05),
         "gravity": pm.Gravity(0.0, 0.0) if silent == "gravity" else pm.Gravity(0.01, -0.02),
         "walls": pm.Walls(1.0, -9.0 if silent == "walls" else 0.15, 9.0 if silent == "walls" else 3.2),
         "drag": pm.BackgroundDamping(0.0 if silent == "drag" else 0.1),

@@ -40,8 +40,8 @@ def check_contacts(packing: Packing, contacts: Contacts | ShapeContacts) -> None
     """
     if packing.shapes is None:
         instance("contacts", contacts, Contacts)
-    else:
-        instance("contacts", contacts, ShapeContacts)
+    elif not isinstance(contacts, ShapeContacts):
+        raise TypeError(f"contacts must be ShapeContacts for a packing with shapes, got {type(contacts).__name__}")
     if (contacts.particles, contacts.dimension) != (packing.particles, packing.dimension):
         raise ValueError(
             f"contacts must belong to {packing.particles} particles in {packing.dimension} dimensions,"

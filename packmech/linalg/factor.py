@@ -353,13 +353,14 @@ def _particle_order(matrix: sp.csr_array, dimension: int) -> NDArray[np.int64]:
     Parameters
     ----------
     matrix
-        (N d, N d) sparse array whose blocks are the graph.
+        Sparse array whose (d, d) blocks are the graph.
     dimension
         d.
 
     """
     coo = matrix.tocoo()
-    n = matrix.shape[0] // dimension
+    # turns may make the last block shorter; blocks need not be those of particles
+    n = -(-matrix.shape[0] // dimension)
     graph = sp.csc_array((np.ones(coo.nnz), (coo.row // dimension, coo.col // dimension)), shape=(n, n))
     graph.sum_duplicates()
     graph.data[:] = 1.0
@@ -414,7 +415,7 @@ def factor_saddle(
     side = sp.csr_array(stiffness * gradient)
     stiff = sp.csr_array(matrix + gradient.T @ side)
     rank = _particle_order(stiff, dimension)
-    owner = np.repeat(rank, dimension)
+    owner = np.repeat(rank, dimension)[:size]
     ends = np.zeros(count, dtype=np.int64)
     filled = np.diff(side.indptr) > 0
     if filled.any():

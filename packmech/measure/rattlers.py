@@ -110,9 +110,8 @@ def _interaction_ends(packing: Packing, effects: tuple[Any, ...]) -> Ends:
     """Return the ends of interactions, which hold particles both ways: by distances, and directions by alignments."""
     found, turn = find_interactions(packing, effects), packing.turn_nkt
     i, j, d = found.pairs.i_c, found.pairs.j_c, packing.dimension
-    slope = np.concatenate(
-        [end_slopes(i, j, found.slope_ckx[:, k], turn, d).reshape(2 * len(i), -1) for k in range(2 if turn.size else 1)]
-    )
+    rows = [end_slopes(i, j, found.slope_ckx[:, k], turn, d) for k in range(2 if turn.size else 1)]
+    slope = np.concatenate([one.reshape(-1, d + turn.shape[1]) for one in rows])
     times = len(slope) // max(2 * len(i), 1)
     body, other = np.tile(np.concatenate([i, j]), times), np.tile(np.concatenate([j, i]), times)
     push = np.concatenate([slope, -slope])

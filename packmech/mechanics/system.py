@@ -21,10 +21,10 @@ from packmech.contacts.elements import Elements, elements_of, sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.effects import (
     ContactTerms,
+    Interactions,
     acts_on_single,
     contact_terms,
     find_interactions,
-    interactions_of,
     lacking_second,
     needs_second,
     refuse_unknown_to_shapes,
@@ -56,6 +56,8 @@ class System:
         What is assembled: contacts, bonds, and links as springs with a force and no stiffness.
     assembled
         Their sum, with what acts on single particles.
+    interactions
+        What acts between centers beyond contact, perhaps nothing.
 
     """
 
@@ -63,6 +65,7 @@ class System:
     terms: ContactTerms
     elements: tuple[Elements, ...]
     assembled: Assembled
+    interactions: Interactions
 
     @property
     def links(self) -> ConstraintFactor:
@@ -134,8 +137,8 @@ class System:
 
     @property
     def virial_of_springs(self) -> float:
-        """The sum of du/dr r over contacts and bonds, whatever the kind of second derivatives [energy]."""
-        found = 0.0
+        """The sum of du/dr r over all pairs but links, whatever the kind of second derivatives [energy]."""
+        found = float(np.trace(self.interactions.virial()))
         for one, terms in self.springs:
             found += float(terms.first_c @ (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1))
         return found
@@ -194,8 +197,9 @@ def assembled_system(
     terms = closed_terms(scene, one)
     first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
     elements = [elements_of(one, first, terms.second_c) if contacts is None else contacts]
-    if interactions_of(scene.effects):
-        elements.append(find_interactions(scene.packing, scene.effects).among(network.index_n).elements(kind))
+    interactions = find_interactions(scene.packing, scene.effects).among(network.index_n)
+    if len(interactions):
+        elements.append(interactions.elements(kind))
     if network.bonded is not None:
         refuse_tangential_springs(scene.effects)
         bonds, springs = network.bonded
@@ -214,7 +218,7 @@ def assembled_system(
         single_nqq=single_second(scene, network, kind),
         basis_edd=None if strained else np.zeros((0, d, d)),
     )
-    return System(network, terms, tuple(elements), assembled)
+    return System(network, terms, tuple(elements), assembled, interactions)
 
 
 def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTerms:
