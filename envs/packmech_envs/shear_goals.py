@@ -31,7 +31,7 @@ FOLLOW, DISSIPATE, YIELD = range(3)
 WEIGHT_FAILURE, RATE_SCALE, OWN = range(3)
 
 
-class _Goal:
+class _EpisodeGoal:
     """What all goals share: fields are checked, and episodes are all alike unless something is drawn."""
 
     positive_fields: ClassVar[tuple[str, ...]] = ()
@@ -52,7 +52,7 @@ class _Goal:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FollowStress(_Goal):
+class FollowStress(_EpisodeGoal):
     """Keep the shear stress at a target: constant, or a sine.
 
     Observed beside the rest: "target_stress", the one for the end of the coming frame [energy/length^d]. In infos:
@@ -103,7 +103,7 @@ class FollowStress(_Goal):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DissipateLeast(_Goal):
+class DissipateLeast(_EpisodeGoal):
     """Bring the strain to a target and dissipate as little energy on the way as possible.
 
     What is dissipated is the work done by the shear less what elastic and kinetic energies gained, by the trapezoidal
@@ -155,7 +155,7 @@ class DissipateLeast(_Goal):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FindYieldStrain(_Goal):
+class FindYieldStrain(_EpisodeGoal):
     """Shear until the packing yields, and find the strain at which it did.
 
     It has yielded when the shear stress has fallen by a part of its peak while the strain went on; the yield strain is

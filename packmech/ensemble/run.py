@@ -45,7 +45,7 @@ _THREAD = threading.local()
 
 
 @dataclass
-class _Progress:
+class _MembersDone:
     """What is known of a run of an ensemble while it goes on."""
 
     of: int
@@ -257,7 +257,7 @@ def _folder(folder: Any, here: bool) -> Path:
 
 
 @dataclass(frozen=True)
-class _Settings:
+class _MemberSettings:
     """How members are run."""
 
     executor: Executor | None
@@ -270,7 +270,7 @@ class _Settings:
 
 def _settings(
     executor: Any, workers: Any, time_limit: Any, memory_limit: Any, group: Any, retry: Any, progress: Any
-) -> _Settings:
+) -> _MemberSettings:
     """Return how members are run, after checking it."""
     if workers is not None:
         integer("workers", workers, at_least=0)
@@ -289,7 +289,7 @@ def _settings(
     if progress is not None:
         function("progress", progress)
     instance("retry", retry, bool)
-    return _Settings(
+    return _MemberSettings(
         executor,
         _cores() if workers is None else workers,
         Limits(
@@ -307,12 +307,12 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _complete(folder: Path, members: Sequence[Member], settings: _Settings, functions: Functions) -> None:
+def _complete(folder: Path, members: Sequence[Member], settings: _MemberSettings, functions: Functions) -> None:
     """Run the members that are missing, and those that failed if they are to be run again."""
     states = {one.id: find(folder, one).state for one in members}
     waiting = [one for one in members if states[one.id] == "missing" or (settings.retry and states[one.id] == "failed")]
     failed = 0 if settings.retry else sum(state == "failed" for state in states.values())
-    known = _Progress(len(members), sum(state == "done" for state in states.values()), failed, settings.progress)
+    known = _MembersDone(len(members), sum(state == "done" for state in states.values()), failed, settings.progress)
     known.report()
     if not waiting:
         return
@@ -324,7 +324,9 @@ def _complete(folder: Path, members: Sequence[Member], settings: _Settings, func
         raise
 
 
-def _run(folder: Path, waiting: Sequence[Member], settings: _Settings, functions: Functions, known: _Progress) -> None:
+def _run(
+    folder: Path, waiting: Sequence[Member], settings: _MemberSettings, functions: Functions, known: _MembersDone
+) -> None:
     """Run members here, or in other processes."""
     if settings.workers == 0:
         with single_thread(), safe_interrupts():
@@ -367,7 +369,7 @@ def _run(folder: Path, waiting: Sequence[Member], settings: _Settings, functions
 def _until_none_is_busy(
     members: Sequence[Member],
     run: Callable[[Sequence[Member]], Iterator[list[Reply] | BaseException]],
-    known: _Progress,
+    known: _MembersDone,
 ) -> None:
     """Run members, and those that another command ran meanwhile again, which finds them finished or has them to run."""
     while members:
@@ -431,7 +433,7 @@ def _replies(
         yield error
 
 
-def _taken(replies: Replies, known: _Progress) -> set[str]:
+def _taken(replies: Replies, known: _MembersDone) -> set[str]:
     """Count what came of the members; return those that another command runs.
 
     Raises

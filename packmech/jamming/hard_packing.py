@@ -215,7 +215,7 @@ def contact_system(
     return ContactSystem(system, contacts.normal_cd, contacts.vector_cd, basis_kdd, live)
 
 
-class _Pairs:
+class _NearPairs:
     """The pairs near enough to touch, their geometry at the present positions, and how long the list lasts."""
 
     def __init__(
@@ -247,12 +247,12 @@ class _Pairs:
         return furthest + (1.0 + self.reach) * self._strained < self.reach - _STEP_CAP - 0.02
 
 
-class _Step:
+class _InteriorStep:
     """Directions of one interior-point iteration."""
 
     def __init__(
         self,
-        pairs: _Pairs,
+        pairs: _NearPairs,
         basis_kdd: NDArray[np.float64],
         slack_c: NDArray[np.float64],
         force_c: NDArray[np.float64],
@@ -302,7 +302,7 @@ def start_state(
         Sum of force * distance over all pairs at the end.
 
     """
-    pairs = _Pairs(position_nd, lattice_dd, radius_n)
+    pairs = _NearPairs(position_nd, lattice_dd, radius_n)
     gap = pairs.measure(position_nd, lattice_dd)
     overlap = np.maximum(-gap, 0.0) / pairs.sigma_c
     touching = overlap > 0.0
@@ -352,7 +352,7 @@ def densify(
 
     """
     position, lattice = state.position_nd.copy(), state.lattice_dd.copy()
-    pairs = _Pairs(position, lattice, radius_n)
+    pairs = _NearPairs(position, lattice, radius_n)
     gap = pairs.measure(position, lattice)
     slack, force = np.maximum(gap, 1e-300), np.full(len(gap), 0.0)
     mean = state.barrier
@@ -365,7 +365,7 @@ def densify(
         defect = np.minimum(gap - slack, 0.0)
         mean = float((force * slack).mean())
         try:
-            step = _Step(pairs, basis_kdd, slack, force, defect, mean)
+            step = _InteriorStep(pairs, basis_kdd, slack, force, defect, mean)
             *_, ds, df = step.direction(np.zeros_like(slack))
             ahead_p, ahead_d = min(1.0, _largest_step(slack, ds)), min(1.0, _largest_step(force, df))
             reached = float(((force + ahead_d * df) * (slack + ahead_p * ds)).mean())
@@ -388,7 +388,7 @@ def densify(
         force = force + size_d * df
         if not pairs.lasts(size_p * u_nd, size_p * float(np.linalg.norm(strain))):
             old = pairs.list
-            pairs = _Pairs(position, lattice, radius_n)
+            pairs = _NearPairs(position, lattice, radius_n)
             gap = pairs.measure(position, lattice)
             old_slack, old_force = slack, force
             slack, force = np.maximum(gap, 1e-3), np.zeros(len(gap))

@@ -153,7 +153,7 @@ def _rattling_by_links(packing: Packing, contacts: Contacts) -> NDArray[np.bool_
     while not rattling.all():
         rows, owner, overlap = _one_by_one(contacts.among(~rattling), cluster, packing.unwrapping_nd)
         pushed = _shown(rows, owner, overlap, links, cluster)
-        moving = _Rows(rows[np.flatnonzero(pushed)], independent).moving(d)
+        moving = _LinkedRows(rows[np.flatnonzero(pushed)], independent).moving(d)
         unsure = np.unique(cluster[moving & ~rattling])
         if not len(unsure):
             break
@@ -162,7 +162,7 @@ def _rattling_by_links(packing: Packing, contacts: Contacts) -> NDArray[np.bool_
         column = np.flatnonzero(np.repeat(here, d))
         own = sp.csr_array(independent[:, column])
         pushed[look] = _pushing(rows[np.flatnonzero(look)][:, column], own[np.flatnonzero(np.diff(own.indptr) > 0)])
-        found = _Rows(rows[np.flatnonzero(pushed)], independent).moving(d) & here
+        found = _LinkedRows(rows[np.flatnonzero(pushed)], independent).moving(d) & here
         if not (found & ~rattling).any():
             break
         rattling |= found
@@ -289,7 +289,7 @@ def find_rattling_clusters(
     return Rattling(rattling, dangling, cluster, ~held[cluster], backbone)
 
 
-class _Rows:
+class _LinkedRows:
     """Changes of distances of contacts and of lengths of independent links, and their normal matrix, factored."""
 
     def __init__(self, contact_cx: sp.csr_array, link_lx: sp.csr_array) -> None:
@@ -351,14 +351,14 @@ def _backbone(contacts: Contacts, independent: sp.csr_array) -> NDArray[np.bool_
     """Return which contacts bear a force in some state of self stress that pulls nowhere."""
     if not len(contacts):
         return np.zeros(0, dtype=bool)
-    rows, overlap = _Rows(distance_rows(contacts), independent), np.maximum(contacts.overlap_c, 0.0)
+    rows, overlap = _LinkedRows(distance_rows(contacts), independent), np.maximum(contacts.overlap_c, 0.0)
     # forces of the harmonic law, and of Hertz's
     if any(_balance_nearby(rows, overlap**power / contacts.contact_distance_c) for power in (1.0, 1.5)):
         return np.ones(len(contacts), dtype=bool)
     return _pushing(rows.contact_cx, rows.link_lx)
 
 
-def _balance_nearby(rows: _Rows, force_c: NDArray[np.float64]) -> bool:
+def _balance_nearby(rows: _LinkedRows, force_c: NDArray[np.float64]) -> bool:
     """Return whether the balance nearest to the given forces pushes at every contact.
 
     A soft packing at rest shows a state of self stress by its overlaps, whatever its law: where it is the only one, it
@@ -389,7 +389,7 @@ def _moving_apart(backbone: Contacts, independent: sp.csr_array) -> NDArray[np.b
     particles = backbone.particles
     if not len(backbone):
         return np.ones(particles, dtype=bool)
-    blocks = _Rows(distance_rows(backbone), independent).motions(backbone.dimension)
+    blocks = _LinkedRows(distance_rows(backbone), independent).motions(backbone.dimension)
     size = float(np.sqrt((blocks**2).mean()))
     label = np.zeros(particles, dtype=np.int64)
     for column in blocks.T:

@@ -124,7 +124,7 @@ def _direction(mode: str, axes: tuple[int, int], dimension: int) -> NDArray[np.f
 
 
 @dataclass(frozen=True, eq=False)
-class _Response:
+class _ViscoelasticResponse:
     """Springs and dashpots, assembled, with what the strain of the box and its rate do to the coordinates."""
 
     elastic: Assembled
@@ -168,7 +168,7 @@ class _Response:
         return np.asarray(total.reshape(d, d) + self.elastic.slope_nq[:, :d].T @ answer_nq[:, :d])
 
 
-class _Pairs(NamedTuple):
+class _RestingPairs(NamedTuple):
     """Contacts or bonds at rest: derivatives of their energies, dashpots, and the same across, with forces there."""
 
     pairs: Contacts | ShapeContacts
@@ -199,7 +199,7 @@ class _Pairs(NamedTuple):
         return tangential_elements(self.pairs, packing.radius_n, first_c, second_c, tangential_cd, stiffness)[0]
 
 
-def _touching(scene: Scene) -> _Pairs:
+def _touching(scene: Scene) -> _RestingPairs:
     """Return the contacts of a scene that are not bonded."""
     found = touching_pairs(scene.packing, None, second=True)
     found = unbonded(found, scene.effects)
@@ -214,16 +214,16 @@ def _touching(scene: Scene) -> _Pairs:
         tangential = tangential_forces(scene, found, -terms.first_c).force_cd
         stiffness, tangential_damping = friction.stiffness, friction.damping
     normal_damping = np.array(damping, dtype=float)
-    return _Pairs(
+    return _RestingPairs(
         found, terms.first_c, terms.second_c, normal_damping, tangential, stiffness, tangential_damping
     )  # fmt: skip
 
 
-def _bonded(bonds: Bonds, found: BondedPairs) -> _Pairs:
+def _bonded(bonds: Bonds, found: BondedPairs) -> _RestingPairs:
     """Return the bonds of a packing, whose tangential springs are slack at rest."""
     pairs, terms = found
     damping, slack = np.full(len(bonds), bonds.damping), np.zeros_like(pairs.normal_cd)
-    return _Pairs(
+    return _RestingPairs(
         pairs, terms.first_c, terms.second_c, damping, slack, bonds.tangential_stiffness, bonds.tangential_damping
     )
 
@@ -314,7 +314,7 @@ def complex_modulus(
         elastic_load += np.einsum("nab,nb->na", single[:, :, :d], places_in_cell(packing)[:, :d] @ direction.T)
     mass = np.broadcast_to(packing.mass_n[:, None], free.shape)
     viscous_load -= drag * mass * _flow(direction, turn)
-    response = _Response(elastic, viscous, elastic_load, viscous_load, mass, drag, direction, free)
+    response = _ViscoelasticResponse(elastic, viscous, elastic_load, viscous_load, mass, drag, direction, free)
     omega = 2.0 * np.pi * frequency
     with single_thread():
         answers, errors = zip(*(response.solve(one) for one in omega), strict=True)

@@ -351,7 +351,7 @@ class _ZeroModes:
         return first.tolist(), rest.tolist(), left
 
 
-class _State(NamedTuple):
+class _HeldState(NamedTuple):
     """What has been held at some time."""
 
     rank: int
@@ -374,12 +374,12 @@ class HeldCompliance:
         # parts of rows across those before: the smallest that counted, and the largest that did not
         self.smallest_new, self.largest_old = 1.0, 0.0
 
-    def saved(self) -> _State:
+    def saved(self) -> _HeldState:
         """Return what `restore` needs to come back here."""
         taken = None if self._free is None else self._free.taken
-        return _State(self.rank, self._strain, self.smallest_new, self.largest_old, taken)
+        return _HeldState(self.rank, self._strain, self.smallest_new, self.largest_old, taken)
 
-    def restore(self, state: _State) -> None:
+    def restore(self, state: _HeldState) -> None:
         """Take back what was held since."""
         self.rank, self._strain, self.smallest_new, self.largest_old, taken = state
         if self._free is not None and taken is not None:

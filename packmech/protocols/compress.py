@@ -120,7 +120,7 @@ def compress(
     return follow_series(protocol, goals, _Ascent(protocol, float(goals[0]), limit).climb, "compress", pressures=False)
 
 
-class _Onset(NamedTuple):
+class _AboveOnset(NamedTuple):
     """A packing just above its onset, that packing fraction, how far above, and the pairs that touch at the onset."""
 
     packing: Packing
@@ -136,7 +136,7 @@ class _Ascent:
         self.protocol, self.nearest, self.iteration_limit = protocol, nearest, iteration_limit
         self.tolerance = protocol.force_tolerance
         self.shears = isochoric_part(protocol.basis_kdd, protocol.scene.packing.dimension)
-        self.place: _Onset | None = None
+        self.place: _AboveOnset | None = None
         self.rearrangements = self.iterations = 0
         # what was reached last, in balance or not
         self.tried: SoftState
@@ -157,16 +157,16 @@ class _Ascent:
             figures.force_evaluations = self.iterations
             figures.note = f"{self.rearrangements} rearrangements"
         pairs = report_changes(protocol, self.rearrangements, place.pairs)
-        self.place = _Onset(state.packing, place.fraction, goal, pairs)
+        self.place = _AboveOnset(state.packing, place.fraction, goal, pairs)
         return judge(state, self.tolerance)
 
-    def _start(self) -> _Onset | None:
+    def _start(self) -> _AboveOnset | None:
         protocol = self.protocol
         if not protocol.scene.packing.plain:
             found = find_onset(protocol, self.nearest)
             if found is None:
                 return None
-            return _Onset(found.state.packing, found.fraction, found.depth, set(pair_names(found.contacts)))
+            return _AboveOnset(found.state.packing, found.fraction, found.depth, set(pair_names(found.contacts)))
         near: Packing | None = protocol.scene.packing
         if is_jammed(protocol.scene):
             near = PressurePath(protocol).go_down()
@@ -178,7 +178,7 @@ class _Ascent:
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
         state = follow_pressure(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
         onset = protocol.report["jamming_packing_fraction"]
-        return _Onset(state.packing, onset, depth, set(pair_names(hard.contacts)))
+        return _AboveOnset(state.packing, onset, depth, set(pair_names(hard.contacts)))
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""

@@ -228,7 +228,7 @@ def judge(state: SoftState, tolerance: float) -> Outcome:
     return Outcome.ROUNDING_FLOOR if state.sound(tolerance) else Outcome.STALLED
 
 
-class _Step(NamedTuple):
+class _NewtonStep(NamedTuple):
     u_nd: NDArray[np.float64]
     strain_k: NDArray[np.float64]
     slope: float
@@ -427,7 +427,7 @@ def _go_down(
     return network, used, evaluations
 
 
-def _downhill(network: SoftNetwork, regularization: float) -> tuple[_Step, float] | None:
+def _downhill(network: SoftNetwork, regularization: float) -> tuple[_NewtonStep, float] | None:
     """Return Newton's step with as much regularization as makes it go down, and how much."""
     mean = float(np.abs(network.second_c).mean()) if len(network.second_c) else 0.0
     while regularization <= _LARGEST_REGULARIZATION and mean > 0.0:
@@ -438,6 +438,6 @@ def _downhill(network: SoftNetwork, regularization: float) -> tuple[_Step, float
         if negative == 0:
             slope = float((network.uphill_nd * u_nd).sum() + network.uphill_k @ strain_k)
             if slope < 0.0 and np.isfinite(slope):
-                return _Step(u_nd, strain_k, slope), regularization
+                return _NewtonStep(u_nd, strain_k, slope), regularization
         regularization = max(10.0 * regularization, _FIRST)
     return None

@@ -362,7 +362,7 @@ def _is_nearby(hard: Packing, live_n: NDArray[np.bool_], packing: Packing) -> bo
     return bool(np.abs(away).max() < _NEARBY and abs(hard.box.volume / packing.box.volume - 1.0) < _DENSER)
 
 
-class _Rows:
+class _FamilyRows:
     """The rows, changes and packings that a walk leaves, and the run that they make."""
 
     def __init__(self, axes: tuple[int, int], began: float) -> None:
@@ -411,7 +411,7 @@ class _HardWalk:
     def __init__(self, packing: Packing, path: HardPath, loop: RunLoop, began: float) -> None:
         self.given, self.path, self.loop = packing, path, loop
         self.unit = length_unit(packing)
-        self.found = _Rows(path.axes, began)
+        self.found = _FamilyRows(path.axes, began)
         self.report: dict[str, Any] = {}
         # the strain up to which it has come on, networks and steps since then, and how far beyond to look for the next
         self.beyond = _BEYOND

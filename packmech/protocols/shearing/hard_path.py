@@ -251,7 +251,7 @@ class HardNetwork(abc.ABC):
         return self.lattice.identity(vertex.contacts, sites.i_c, sites.j_c)
 
 
-class _Trial(NamedTuple):
+class _VertexAhead(NamedTuple):
     """What the network gives at a strain: the vertex, its smallest margin, and what that is a margin of."""
 
     vertex: Vertex | None
@@ -259,7 +259,7 @@ class _Trial(NamedTuple):
     cause: str
 
 
-def _beyond_touch(trial: _Trial) -> float:
+def _beyond_touch(trial: _VertexAhead) -> float:
     """Return the margin of a trial beyond that at which its network ends."""
     return trial.margin + TOUCH
 
@@ -361,22 +361,22 @@ class HardPath:
         vertex = self.network.relabeled(vertex)
         return Step(vertex, vertex.strain, change)
 
-    def _try(self, start: Vertex, strain: float, *, room: bool = True) -> _Trial:
+    def _try(self, start: Vertex, strain: float, *, room: bool = True) -> _VertexAhead:
         """Return what the network of a vertex gives at a strain, rattlers apart where it still holds there."""
         vertex = self.network.at(start, strain)
         if vertex is None:
-            return _Trial(None, -math.inf, self.network.ends)
-        trial = _Trial(vertex, *min((vertex.closing, "closing"), (vertex.opening, "opening")))
+            return _VertexAhead(None, -math.inf, self.network.ends)
+        trial = _VertexAhead(vertex, *min((vertex.closing, "closing"), (vertex.opening, "opening")))
         return self._with_room(trial) if room and trial.margin > -TOUCH else trial
 
-    def _with_room(self, trial: _Trial) -> _Trial:
+    def _with_room(self, trial: _VertexAhead) -> _VertexAhead:
         """Return the trial with its rattlers as far apart as they can be, and their margin."""
         if trial.vertex is None:
             return trial
         vertex = self.network.with_room(trial.vertex)
-        return _Trial(vertex, *min((trial.margin, trial.cause), (vertex.squeezing, "squeezing")))
+        return _VertexAhead(vertex, *min((trial.margin, trial.cause), (vertex.squeezing, "squeezing")))
 
-    def _change(self, start: Vertex, beyond: _Trial, direction: float) -> Change | None:
+    def _change(self, start: Vertex, beyond: _VertexAhead, direction: float) -> Change | None:
         """Return the first change between a vertex and a strain at which its network is none any more.
 
         None where a rattler that is squeezed at the farther strain is not on the way there: in so long a step it was
@@ -397,11 +397,11 @@ class HardPath:
             pair = self.network.exchanged(there.vertex, there.cause, direction)
         return self._noted(*pair, there.cause, 0.0) if pair else self._fall(there.vertex, there.cause, direction)
 
-    def _root(self, start: Vertex, beyond: _Trial, *, room: bool) -> _Trial:
+    def _root(self, start: Vertex, beyond: _VertexAhead, *, room: bool) -> _VertexAhead:
         """Return what is seen where the margin vanishes between a vertex and a strain at which it is negative."""
         assert beyond.vertex is not None
 
-        def look(strain: float) -> _Trial:
+        def look(strain: float) -> _VertexAhead:
             return self._try(start, strain, room=room)
 
         return find_root(
