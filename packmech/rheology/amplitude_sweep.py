@@ -69,7 +69,7 @@ def check_amplitudes(amplitudes: Any) -> list[float]:
 
 
 @listed(Several)
-@honors("repulsion damping friction bonds gravity walls drag shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag shapes")
 def amplitude_sweep(
     scene: Scene,
     *,

@@ -159,7 +159,7 @@ class PressureShear(Run):
         ]
 
 
-@honors("repulsion damping friction bonds drag shapes")
+@honors("repulsion damping friction bonds interactions drag shapes")
 def shear_at_pressure(
     scene: Scene,
     *,

@@ -242,7 +242,7 @@ def frequency_of(settings: StrainSettings, frequency: float | None, relative_fre
 
 
 @listed(Common)
-@honors("repulsion damping friction bonds gravity walls drag shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag shapes")
 def oscillatory_shear(
     scene: Scene,
     *,

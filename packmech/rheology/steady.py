@@ -54,7 +54,7 @@ _REPORT = 100
 
 
 @listed(Common)
-@honors("repulsion damping friction bonds gravity walls drag shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag shapes")
 def ramp_strain(
     scene: Scene,
     *,
@@ -248,7 +248,7 @@ class FlowCurve(SeveralRuns):
 
 
 @listed(Several)
-@honors("repulsion damping friction bonds gravity walls drag shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag shapes")
 def steady_shear(
     scene: Scene,
     *,
@@ -399,7 +399,7 @@ class Creep(StrainRun):
 
 
 @listed(Common)
-@honors("repulsion damping friction bonds gravity walls drag shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag shapes")
 def creep(
     scene: Scene,
     *,
