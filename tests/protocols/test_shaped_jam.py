@@ -93,7 +93,7 @@ def test_step_halving_ends_at_the_energy_in_a_box_of_fixed_shape():
 
 
 def test_what_only_discs_know_is_refused_by_name():
-    with pytest.raises(ValueError, match="method must be Decompression, or StepHalving in a box of fixed shape"):
+    with pytest.raises(ValueError, match="method must be Decompression, Press, or StepHalving in a box of fixed shape"):
         pm.jam(start(), method=pm.HardVertex())
     with pytest.raises(ValueError, match="method must be Decompression"):
         pm.jam(start(), method=pm.StepHalving(), strain="free")
