@@ -119,7 +119,7 @@ def test_smoothing_finds_the_balance_where_contacts_that_just_touch_open_and_clo
 def test_methods_that_know_no_links_are_refused_with_them():
     scene = start(2, 1, count=5)
     for method in (pm.HardVertex(), pm.ProgramChain()):
-        with pytest.raises(ValueError, match="method must be Decompression, Press, or StepHalving in a box of fixed shape"):
+        with pytest.raises(ValueError, match="method must be Decompression, Press, or StepHalving in a box of"):
             pm.jam(scene, method=method)
 
 

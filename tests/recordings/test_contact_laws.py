@@ -14,6 +14,8 @@ def test_hertz_force_is_that_of_two_equal_spheres(script):
     modulus, radius = 8000.0 / (2.0 * (1.0 - 0.3**2)), 10.0 / 2.0
     expected = 4.0 / 3.0 * modulus * math.sqrt(radius) * 2.0**1.5
     assert laws.hertz_force(2.0, 8000.0, 10.0, poisson_ratio=0.3) == pytest.approx(expected, rel=1e-14)
+    # the source rounds the factor of a layer
+    assert laws.layer_force(2.0, 8000.0, 10.0) == pytest.approx(1.1 * 8000.0 * 10.0**-0.5 * 2.0**1.5, rel=0.01)
 
 
 def test_force_laws_are_ordered_as_in_the_documentations_figure(script):

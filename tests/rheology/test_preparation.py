@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.material import contact_stiffness, hertz_force, layer_force, sphere_contacts
+from packmech.dynamics.material import contact_stiffness
 from packmech.validation.particle_shear import ParticleShear
 
 
@@ -34,14 +34,6 @@ def test_constants_of_the_default_material_are_those_of_the_reference_package_in
     assert made.time == pytest.approx(old.tau, rel=1e-14)
     assert made.frequency == pytest.approx(old.frequency, rel=1e-14)
     assert made.damping == pytest.approx(old.material.viscosity * 1e-6, rel=1e-14)
-
-
-def test_forces_are_those_of_the_equations_of_the_source():
-    for overlap in (0.5, 3.0, 12.0):
-        exact = math.sqrt(2.0) * 8000.0 / (3.0 * (1.0 - 0.09)) * math.sqrt(10.0) * overlap**1.5
-        assert hertz_force(overlap, 8000.0, 10.0, poisson_ratio=0.3) == pytest.approx(exact, rel=1e-14)
-        assert layer_force(overlap, 8000.0, 10.0) == pytest.approx(1.1 * 8000.0 * 10.0**-0.5 * overlap**1.5, rel=0.01)
-    assert sphere_contacts(1.0) == pytest.approx(6.0 + 7.9 * 0.6, rel=1e-15)
 
 
 def test_masses_of_one_density_have_the_mean_mass(microgel):
