@@ -25,7 +25,7 @@ def square_root(lengths, goal, tries):
 @pytest.mark.parametrize("goal", [1e4, 1e-4, 1.0])
 def test_it_ends_at_the_goal_wherever_steps_that_are_short_enough_succeed(goal):
     steps = square_root(StepLengths(growth=3.0), goal, tries := [])
-    assert steps[-1].place == goal and steps[-1].after == pytest.approx(math.sqrt(goal), abs=1e-3 * math.sqrt(goal))
+    assert steps[-1].place == goal and steps[-1].after == pytest.approx(math.sqrt(goal), rel=1e-6)
     assert len(tries) >= len(steps) >= 1
     assert all(one * (goal - 1.0) >= 0.0 for one in tries)
 
