@@ -35,6 +35,7 @@ from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.result import Outcome
+from packmech.scene import Scene
 
 # singular values below this fraction of the largest are zero
 _RANK = 1e-5
@@ -457,7 +458,8 @@ def find_rattlers(
         contacts = touching_pairs(packing, gap_tolerance)
     else:
         check_given(packing, contacts)
-    return rattlers_among(packing, contacts, effects) if effects else rattling_particles(packing, contacts)
+    acting = Scene(packing, effects).effects
+    return rattlers_among(packing, contacts, acting) if acting else rattling_particles(packing, contacts)
 
 
 @honors("links shapes", packing_only=True)
