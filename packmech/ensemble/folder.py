@@ -54,7 +54,7 @@ def _stored(folder: Path) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class MemberOutcome:
     """What came of a member.
 
     Attributes
@@ -267,7 +267,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         return {name: archive[name] for name in archive.files}
 
 
-def write_outcome(folder: Path, member: Member, outcome: Outcome) -> None:
+def write_outcome(folder: Path, member: Member, outcome: MemberOutcome) -> None:
     """Write what came of a member, its result last and in one step; what was left of attempts before goes."""
     path = folder / WORKSPACE / member.id
     with _stored(folder):

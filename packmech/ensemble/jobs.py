@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import packmech
 from packmech.check import brief, instance, listed, one_of
-from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, Outcome
+from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, MemberOutcome
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
 from packmech.files.packings import PathLike
@@ -242,7 +242,7 @@ def _scene(table: Mapping[str, Any], member: Member) -> Scene:
     return scene_of_tables(table["scene"], Path(table["folder"]), seed=seed, changes=changes, name=table["name"])
 
 
-def run_member(table: Mapping[str, Any], member: Member, folder: Path, given: Functions | None = None) -> Outcome:
+def run_member(table: Mapping[str, Any], member: Member, folder: Path, given: Functions | None = None) -> MemberOutcome:
     """Return what comes of a member.
 
     Parameters
@@ -280,7 +280,7 @@ def run_member(table: Mapping[str, Any], member: Member, folder: Path, given: Fu
     return dataclasses.replace(found, seconds=time.process_time() - began)
 
 
-def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any], given: Functions | None) -> Outcome:
+def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any], given: Functions | None) -> MemberOutcome:
     """Return what is measured of a run of a scene."""
     found = _of_run(run, table)
     measures = table["measures"]
@@ -304,7 +304,7 @@ def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any], given: Functions
     return dataclasses.replace(found, values=extra.values, arrays=extra.arrays)
 
 
-def _of_run(run: Any, table: Mapping[str, Any]) -> Outcome:
+def _of_run(run: Any, table: Mapping[str, Any]) -> MemberOutcome:
     """Return what a run, or several of a drive, say of themselves; refuse those that are no success."""
     several = getattr(run, "runs", (run,))
     if table["check"]:
@@ -315,7 +315,7 @@ def _of_run(run: Any, table: Mapping[str, Any]) -> Outcome:
     # packings and other records that a run reports are texts there
     records = {name for name, value in getattr(run, "report", {}).items() if not isinstance(value, _SCALAR)}
     values = {name: value for name, value in _scalars(run.to_dict()).items() if name not in records}
-    return Outcome(values, {}, {} if packing is None else {"packing": packing})
+    return MemberOutcome(values, {}, {} if packing is None else {"packing": packing})
 
 
 def _scalars(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -334,7 +334,7 @@ def _chosen(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     return {name: values[name] for name in names}
 
 
-def _of_value(made: Any) -> Outcome:
+def _of_value(made: Any) -> MemberOutcome:
     """Return what a function returned: numbers and texts, arrays and packings by name."""
     if dataclasses.is_dataclass(made) and not isinstance(made, type | Packing):
         made = {one.name: getattr(made, one.name) for one in dataclasses.fields(made)}
@@ -364,4 +364,4 @@ def _of_value(made: Any) -> Outcome:
                 raise TypeError(f"job must return arrays of numbers or texts, got {value!r} for {name}")
         elif value is not None:
             raise TypeError(f"job must return numbers, texts, arrays and packings by name, got {value!r} for {name}")
-    return Outcome(values, arrays, packings)
+    return MemberOutcome(values, arrays, packings)

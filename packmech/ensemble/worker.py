@@ -34,7 +34,7 @@ from packmech.ensemble.folder import (
     JOB,
     WORKSPACE,
     FolderError,
-    Outcome,
+    MemberOutcome,
     claimed,
     find,
     read_job,
@@ -420,7 +420,7 @@ def _serve(requests: _Requests, answer: Callable[..., None]) -> None:
         member = Member(**request["member"])
         folder = Path(request["folder"])
 
-        def run(folder: Path = folder, member: Member = member) -> Outcome:
+        def run(folder: Path = folder, member: Member = member) -> MemberOutcome:
             return run_member(_job(folder, (folder / JOB).stat().st_mtime_ns), member, folder / WORKSPACE / member.id)
 
         try:
@@ -437,7 +437,7 @@ def _job(folder: Path, written: int) -> dict[str, Any]:
     return read_job(folder)
 
 
-def carry_out(folder: Path, member: Member, run: Callable[[], Outcome], *, retry: bool) -> Reply:
+def carry_out(folder: Path, member: Member, run: Callable[[], MemberOutcome], *, retry: bool) -> Reply:
     """Run a member in this process unless it is finished or somebody else's; return how it ended, after recording it.
 
     Raises

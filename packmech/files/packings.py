@@ -80,7 +80,7 @@ from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, positive_array
 from packmech.effects.laws import is_law, registered_laws
 from packmech.files.records import from_table, kinds_of, to_table
-from packmech.generate.rigid import Body, beads_of, body_of, orientation_of
+from packmech.generate.rigid import UnionBody, beads_of, body_of, orientation_of
 from packmech.honors import LINK_TOLERANCE, honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
@@ -733,7 +733,7 @@ def _seen_beads(
     frame: Any, definition_n: list[dict[str, Any]], names: list[str], radius_n: NDArray[np.float64], dimension: int
 ) -> _Seen:
     """Return the frame's unions of spheres, each about its center of mass, and the radii of equal area or volume."""
-    known: dict[tuple[str, float], Body] = {}
+    known: dict[tuple[str, float], UnionBody] = {}
     own = []
     for name, one, radius in zip(names, definition_n, radius_n.tolist(), strict=True):
         key = (name, 0.0 if one.get("type") == "SphereUnion" else radius)
@@ -758,7 +758,7 @@ def _seen_beads(
     return _Seen(np.array([one.radius for one in own]), shapes, center)
 
 
-def _union(definition: dict[str, Any], name: str, dimension: int) -> Body:
+def _union(definition: dict[str, Any], name: str, dimension: int) -> UnionBody:
     """Return the rigid body that a shape definition says."""
     missing = next((key for key in ("centers", "diameters") if key not in definition), None)
     if missing is not None:

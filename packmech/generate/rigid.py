@@ -19,7 +19,7 @@ from packmech.shapes import Beads, Discs
 _NO_SIDE = 1e-6
 
 
-class Body(NamedTuple):
+class UnionBody(NamedTuple):
     """Center of mass and radius of a union, its axes in columns, beads and radii of gyration as `Beads` has them."""
 
     center_d: NDArray[np.float64]
@@ -30,13 +30,13 @@ class Body(NamedTuple):
     gyration_k: NDArray[np.float64]
 
 
-def body_of(position_bd: NDArray[np.float64], radius_b: NDArray[np.float64]) -> Body:
+def body_of(position_bd: NDArray[np.float64], radius_b: NDArray[np.float64]) -> UnionBody:
     """Return the rigid body that is the union of discs or spheres, of even density; its axes are the principal ones."""
     d = position_bd.shape[1]
     turns = 1 if d == 2 else 3
     if len(radius_b) == 1:
         gyration = np.full(turns, math.sqrt(0.5 if d == 2 else 0.4))
-        return Body(position_bd[0], float(radius_b[0]), np.eye(d), np.zeros((1, d)), np.ones(1), gyration)
+        return UnionBody(position_bd[0], float(radius_b[0]), np.eye(d), np.zeros((1, d)), np.ones(1), gyration)
     volume, center, second = union_moments(position_bd - position_bd[0], radius_b)
     center = center + position_bd[0]
     radius = math.sqrt(volume / math.pi) if d == 2 else (0.75 * volume / math.pi) ** (1.0 / 3.0)
@@ -51,10 +51,10 @@ def body_of(position_bd: NDArray[np.float64], radius_b: NDArray[np.float64]) -> 
     frame[:, -1] *= np.sign(np.linalg.det(frame))
     gyration = np.sqrt([spread.sum()] if d == 2 else spread.sum() - spread)
     offset = (position_bd - center) @ frame / radius
-    return Body(center, radius, frame, offset, radius_b / radius, gyration / radius)
+    return UnionBody(center, radius, frame, offset, radius_b / radius, gyration / radius)
 
 
-def beads_of(bodies: list[Body], orientation_nq: NDArray[np.float64]) -> Beads:
+def beads_of(bodies: list[UnionBody], orientation_nq: NDArray[np.float64]) -> Beads:
     """Return the shapes of bodies with given orientations."""
     start = np.concatenate([[0], np.cumsum([len(one.size_b) for one in bodies])])
     return Beads(

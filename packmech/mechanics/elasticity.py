@@ -34,7 +34,7 @@ from packmech.mechanics.frictional import (
     frictional_system,
 )
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
-from packmech.mechanics.relaxation import Relaxation, relax
+from packmech.mechanics.relaxation import RelaxedStrains, relax
 from packmech.mechanics.system import System, bordered, system_of
 from packmech.scene import Scene
 
@@ -424,7 +424,7 @@ def cauchy_tangent(energy_ee: NDArray[np.float64], stress_dd: NDArray[np.float64
     return tangent
 
 
-def _unsolved(system: System, relaxation: Relaxation) -> int:
+def _unsolved(system: System, relaxation: RelaxedStrains) -> int:
     """Return how many strains are unstable for want of a relaxation: zero modes that carry strain under stress."""
     if relaxation.residual <= _INCONSISTENT:
         return 0
@@ -568,7 +568,7 @@ class _RoughResponse(NamedTuple):
     """The response of a packing with friction, the contacts at the Coulomb limit, and forces times vectors, of all."""
 
     system: System
-    relaxation: Relaxation
+    relaxation: RelaxedStrains
     consistent: bool
     sliding_k: NDArray[np.int64]
     at_limit_k: NDArray[np.int64]
@@ -620,7 +620,7 @@ def _refuse_bearing_rattlers(scene: Scene, residual: float, virial: float) -> No
 
 def _moduli(
     system: System,
-    relaxation: Relaxation,
+    relaxation: RelaxedStrains,
     rough: _RoughResponse | None,
     volume: float,
     unsolved: int,

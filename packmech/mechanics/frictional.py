@@ -32,7 +32,7 @@ from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces
 from packmech.measure.friction import friction_of
 from packmech.mechanics.network import Network, network_among
-from packmech.mechanics.relaxation import Relaxation, general_factors, is_symmetric, relax
+from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, assembled_system, closed_terms
 from packmech.scene import Scene
 
@@ -116,7 +116,7 @@ class SlidingResponse(NamedTuple):
     """A system with the contacts that slide in it, how it relaxes, and whether that set agrees with the motion."""
 
     system: System
-    relaxation: Relaxation
+    relaxation: RelaxedStrains
     sliding_c: NDArray[np.bool_]
     consistent: bool
 

@@ -18,7 +18,7 @@ _SYMMETRIC = 1e-12
 _REFINEMENTS = 12
 
 
-class Relaxation(NamedTuple):
+class RelaxedStrains(NamedTuple):
     """The (s, s) stiffness that relaxation takes from the strains, what the system is like, and (x, s) motions.
 
     `negative` and `floppy` count negative and zero eigenvalues, of the symmetric part where there is no energy: motions
@@ -44,7 +44,7 @@ def general_factors(matrix: Any) -> Any:
     return spla.splu(sp.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options=symmetric)
 
 
-def relax(system: System) -> Relaxation:
+def relax(system: System) -> RelaxedStrains:
     """Return how the coordinates of a system relax under unit Mandel strains, its best connected particle at its place.
 
     Parameters
@@ -55,7 +55,7 @@ def relax(system: System) -> Relaxation:
     """
     pinned, strains = system.network.pinned_f, len(system.corner)
     if not pinned.any():
-        return Relaxation(np.zeros((strains, strains)), 0, 0, 0.0, np.zeros((pinned.size, strains)))
+        return RelaxedStrains(np.zeros((strains, strains)), 0, 0, 0.0, np.zeros((pinned.size, strains)))
     matrix, right, push = system.matrix(pinned), -system.column(pinned), system.push
     motion = np.zeros((pinned.size, strains))
     if len(system.links):
@@ -65,9 +65,9 @@ def relax(system: System) -> Relaxation:
             solution, negative, floppy, left = _solve_linked(linked, right, -stretch, system.network.dimension)
             motion[pinned] = solution[: len(right)]
             held = np.vstack([system.row(pinned).T, linked.stiffness * stretch])
-            return Relaxation(-held.T @ solution, negative, floppy, left / push if push else 0.0, motion)
+            return RelaxedStrains(-held.T @ solution, negative, floppy, left / push if push else 0.0, motion)
         found = relax_linked(linked, right, -stretch, push, system.network.dimension)
-        return Relaxation(found.relief, found.negative, found.floppy, found.residual, motion)
+        return RelaxedStrains(found.relief, found.negative, found.floppy, found.residual, motion)
     if system.assembled.symmetric:
         solution, negative, floppy, left = _solve(matrix, right)
         relief = right.T @ solution
@@ -75,7 +75,7 @@ def relax(system: System) -> Relaxation:
         solution, negative, floppy, left = _solve_general(matrix, right)
         relief = -system.row(pinned) @ solution
     motion[pinned] = solution
-    return Relaxation(relief, negative, floppy, left / push if push else 0.0, motion)
+    return RelaxedStrains(relief, negative, floppy, left / push if push else 0.0, motion)
 
 
 def _solve(matrix: sp.csr_array, right: NDArray[np.float64]) -> tuple[NDArray[np.float64], int, int, float]:

@@ -18,7 +18,7 @@ from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.view import drawing
-from packmech.view.trajectory import Curve, DrawnFrame, Frame, Trajectory, draw_moving, trajectory_of_run
+from packmech.view.trajectory import Curve, DrawnFrame, PackingFrame, Trajectory, draw_moving, trajectory_of_run
 
 # eight colors and shapes that stay apart for color-blind readers and in gray (Okabe and Ito)
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#8C6D31")
@@ -218,7 +218,7 @@ class _RunPicture:
             return np.concatenate([place_kd, np.zeros((*place_kd.shape[:-1], 1))], axis=-1)
         return np.asarray(place_kd @ drawing.view_axes())
 
-    def write(self, frame: Frame, path: Path, format: str) -> Path:
+    def write(self, frame: PackingFrame, path: Path, format: str) -> Path:
         """Draw a frame and write it."""
         drawn = draw_moving(frame, self.trajectory.effects)
         artists = [*self._particles(drawn, frame.packing), *self._lines(drawn)]
@@ -266,7 +266,7 @@ class _RunPicture:
         with _matplotlib().rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):
             self.figure.savefig(path, format="svg", metadata={"Date": None})
 
-    def _at(self, frame: Frame, start: str) -> float:
+    def _at(self, frame: PackingFrame, start: str) -> float:
         curve = next((curve for name, curve in self.trajectory.curves.items() if name.startswith(start)), None)
         return 0.0 if curve is None else float(np.interp(frame.step, *curve))
 

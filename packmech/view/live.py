@@ -36,7 +36,7 @@ from packmech.view.recording import (
     send_moving,
     send_resting,
 )
-from packmech.view.trajectory import Curve, Frame, Trajectory, turned_marks
+from packmech.view.trajectory import Curve, PackingFrame, Trajectory, turned_marks
 
 # a live picture is sent no sooner than so long after the last one [s]
 LIVE_SECONDS = 0.05
@@ -163,7 +163,7 @@ class Recording:
             assert isinstance(shown, Contacts)
             pushed = -drawn.force_c[:, None] * shown.normal_cd
             touching = Touching(shown.i_c, shown.j_c, shown.image_cd, drawn.force_c, pushed, drawn.sliding_c)
-        writer.take(Frame(at, when, packing, touching), _numbers(figures))
+        writer.take(PackingFrame(at, when, packing, touching), _numbers(figures))
 
     def close(self, results: Mapping[str, Any] | None = None) -> Path:
         """Complete the file and return its absolute path; what was found is kept with it by name."""
@@ -204,14 +204,14 @@ class _Writer:
         packing = scene.packing
         # frames are drawn as packings at rest: contacts of what is linked or has shapes are found there
         self.resting = not packing.plain
-        self.block: list[Frame] = []
+        self.block: list[PackingFrame] = []
         self.size = max(1, BLOCK_NUMBERS // (packing.particles * packing.dimension * 12))
         # what the layout is made of: figures, the first step, the last frame, and those with the widest boxes
         self.first_step = 0
         self.curves: dict[str, tuple[list[int], list[float]]] = {}
-        self.wide: list[Frame] = []
+        self.wide: list[PackingFrame] = []
         self.reach = (np.full(packing.dimension, np.inf), np.full(packing.dimension, -np.inf))
-        self.last: Frame | None = None
+        self.last: PackingFrame | None = None
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("wb"):  # the writer only logs a file that it cannot open
             pass
@@ -249,7 +249,7 @@ class _Writer:
             raise ValueError(f"packing must have shapes as the scene has, got {packing.shapes!r:.40}")
         return packing
 
-    def take(self, frame: Frame, figures: Mapping[str, float]) -> None:
+    def take(self, frame: PackingFrame, figures: Mapping[str, float]) -> None:
         """Take a frame, and send a block of them when it is full."""
         if not self.frames:
             self.first_step = frame.step
@@ -287,7 +287,7 @@ class _Writer:
             self.stream.flush()
             self.stream.disconnect()
 
-    def lay_out(self, last: Frame) -> None:
+    def lay_out(self, last: PackingFrame) -> None:
         """Send the curves and how the recording opens, which needs the names of all of them."""
         curves: dict[str, Curve] = {
             name: (np.array(step_t), np.array(value_t)) for name, (step_t, value_t) in self.curves.items()
@@ -296,9 +296,9 @@ class _Writer:
         # what does not change is in the file, and not plotted
         curves = {name: curve for name, curve in curves.items() if np.ptp(curve[1]) > 0.0}
 
-        def shown(frame: Frame, step: int) -> Frame:
+        def shown(frame: PackingFrame, step: int) -> PackingFrame:
             packing = frame.packing
-            return Frame(step, 0.0, packing.replace(box=drawing.shown_box(packing.box)[0]))
+            return PackingFrame(step, 0.0, packing.replace(box=drawing.shown_box(packing.box)[0]))
 
         trajectory = Trajectory(
             (*(shown(one, self.first_step) for one in self.wide), shown(last, last.step)),
@@ -383,14 +383,14 @@ class LiveRecording:
         elif isinstance(packing, Packing):
             # protocols count the steps of each stage from zero
             self._step = max(self._step + 1, int(figures.get("steps", 0)))
-            self.show(Frame(self._step, float(figures.get("time", self._step)), packing))
+            self.show(PackingFrame(self._step, float(figures.get("time", self._step)), packing))
         else:
             return
         for name, value in figures.items():
             if isinstance(value, int | float) and name not in ("steps", "of"):
                 self._curve(name, float(value))
 
-    def _frame(self, engine: Engine) -> Frame:
+    def _frame(self, engine: Engine) -> PackingFrame:
         if engine is not self._engine:
             self._engine, self._past, self._spun = engine, (self._step + 1, self._time), None
         self._step, self._time = self._past[0] + engine.steps, self._past[1] + engine.time
@@ -402,9 +402,9 @@ class LiveRecording:
             times, spins = np.array([before, engine.time]), np.array([old, spin])
             self._mark = turned_marks(times, spins, box.dimension, self._mark)[1]
             self._spun = (engine.time, spin)
-        return Frame(self._step, self._time, packing, touching_of(engine), self._mark)
+        return PackingFrame(self._step, self._time, packing, touching_of(engine), self._mark)
 
-    def show(self, frame: Frame) -> None:
+    def show(self, frame: PackingFrame) -> None:
         """Send one frame."""
         send_moving(self.world, self.scene.effects, [frame])
         self._sent = time.monotonic()

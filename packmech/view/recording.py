@@ -35,8 +35,8 @@ from packmech.shapes import Beads, Discs, Spheroids
 from packmech.view import drawing
 from packmech.view.trajectory import (
     Curve,
-    Frame,
-    Motion,
+    DrawnMode,
+    PackingFrame,
     Trajectory,
     draw_moving,
     motions_of,
@@ -309,7 +309,7 @@ class World:
         self.send(clock, f"state/{path}", rr.AnyValues.columns(**flat), [one.size for one in array_f])
 
 
-def blueprint(trajectory: Trajectory, motions: Sequence[Motion] = (), *, summary: bool) -> rrb.Blueprint:
+def blueprint(trajectory: Trajectory, motions: Sequence[DrawnMode] = (), *, summary: bool) -> rrb.Blueprint:
     """Return how a recording opens: the packing large, modes, loop and results beside it, then the curves.
 
     Only panels that have something to show are there.
@@ -571,7 +571,7 @@ def record_run(
         **(results or {}),
     }
     trajectory = trajectory_of_run(run, scene, frames)
-    motions: list[Motion] = []
+    motions: list[DrawnMode] = []
     if not trajectory.in_motion:
         found.setdefault("pressure", pressure(final))
         motions = _motions(modes, trajectory, _stiffness(final), mode_count)
@@ -582,7 +582,7 @@ def _stiffness(scene: Scene) -> float:
     return scene.energy_scale / scene.packing.reference_diameter**2
 
 
-def _motions(modes: Any, trajectory: Trajectory, stiffness: float, mode_count: int) -> list[Motion]:
+def _motions(modes: Any, trajectory: Trajectory, stiffness: float, mode_count: int) -> list[DrawnMode]:
     mode_count = integer("mode_count", mode_count, at_least=0)
     return [] if modes is None else motions_of(modes, trajectory.final, stiffness, mode_count)
 
@@ -590,7 +590,7 @@ def _motions(modes: Any, trajectory: Trajectory, stiffness: float, mode_count: i
 def _write(
     trajectory: Trajectory,
     path: str | Path,
-    motions: list[Motion],
+    motions: list[DrawnMode],
     parameters: Mapping[str, Any] | None,
     results: Mapping[str, Any],
     summary: str,
@@ -615,7 +615,7 @@ def _write(
     return target
 
 
-def log_resting(world: World, motions: Sequence[Motion] = (), summary: str = "") -> None:
+def log_resting(world: World, motions: Sequence[DrawnMode] = (), summary: str = "") -> None:
     """Log what does not change of a packing with contact forces and links."""
     arrows = [f"modes/{motion.name}" for motion in motions]
     order = {"forces": 40.0, **dict.fromkeys(arrows, 50.0), **_link_order(world)}
@@ -638,7 +638,7 @@ def _log_links(world: World) -> None:
         world.stream.log("state/links", pairs, static=True)
 
 
-def log_motions(world: World, motions: Sequence[Motion], step: int) -> None:
+def log_motions(world: World, motions: Sequence[DrawnMode], step: int) -> None:
     """Log modes as arrows at a step."""
     packing = world.packing
     center_nd = drawing.draw_packing(packing).center_nd
@@ -655,7 +655,7 @@ def log_motions(world: World, motions: Sequence[Motion], step: int) -> None:
     world.stream.reset_time()
 
 
-def send_resting(world: World, effects: tuple[Any, ...], frames: Sequence[Frame]) -> None:
+def send_resting(world: World, effects: tuple[Any, ...], frames: Sequence[PackingFrame]) -> None:
     """Send packings with their contact forces and links as columns."""
     packing_f = [one.packing for one in frames]
     drawing_f = [drawing.draw_packing(packing, effects) for packing in packing_f]
@@ -712,7 +712,7 @@ def log_loop(stream: rr.RecordingStream, trajectory: Trajectory, step_t: NDArray
     stream.send_columns("loop/now", [rr.TimeColumn("step", sequence=step_t)], columns)
 
 
-def send_moving(world: World, effects: tuple[Any, ...], frames: Sequence[Frame]) -> None:
+def send_moving(world: World, effects: tuple[Any, ...], frames: Sequence[PackingFrame]) -> None:
     """Send packings in motion as columns."""
     drawn_f = [draw_moving(one, effects) for one in frames]
     d, unit = world.packing.dimension, world.packing.reference_diameter
@@ -801,7 +801,7 @@ def record_motion(
     frames = integer("frames", frames, at_least=2)
     check_arguments(path, parameters, results)
     chosen = np.unique(np.rint(np.linspace(0, played.steps, min(frames, played.steps + 1))).astype(int))
-    shown = tuple(Frame(int(t), float(t), played.packing_t[t]) for t in chosen)
+    shown = tuple(PackingFrame(int(t), float(t), played.packing_t[t]) for t in chosen)
     trajectory = Trajectory(shown, (), _motion_curves(played))
     found = {**played.to_dict(), **(results or {})}
     with opened(path, _motion_layout(trajectory), trajectory, parameters, found) as (stream, target):

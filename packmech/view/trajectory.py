@@ -35,7 +35,7 @@ MARK_FROM, MARK_TO = 0.35, 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class PackingFrame:
     """A packing at one step, its contacts (None: found when drawn), and (N, d) unit vectors that turn with spins."""
 
     step: int
@@ -68,7 +68,7 @@ class Trajectory:
 
     """
 
-    frames: tuple[Frame, ...]
+    frames: tuple[PackingFrame, ...]
     effects: tuple[Any, ...]
     curves: Mapping[str, Curve]
     strain_t: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -101,7 +101,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class DrawnMode:
     """A mode to draw: a short name, what to say of it, and (N, d) displacements."""
 
     name: str
@@ -113,12 +113,12 @@ def trajectory_of_packing(subject: Packing | Scene) -> Trajectory:
     """Return the trajectory of one packing: a single frame, and its numbers as curves of one point."""
     if isinstance(subject, Packing):
         curves = {"contacts": _point(len(touching_pairs(subject)))}
-        return Trajectory((Frame(0, 0.0, subject),), (), curves)
+        return Trajectory((PackingFrame(0, 0.0, subject),), (), curves)
     packing = subject.packing
     values = {"energy": energy(subject), "pressure": pressure(subject), "max force": force_balance(subject)[0]}
     curves = {f"log10 {name}": _point(np.log10(value)) for name, value in values.items() if value > 0.0}
     curves["contacts"] = _point(len(touching_pairs(packing)))
-    return Trajectory((Frame(0, 0.0, packing),), subject.effects, curves)
+    return Trajectory((PackingFrame(0, 0.0, packing),), subject.effects, curves)
 
 
 def _point(value: float) -> Curve:
@@ -144,7 +144,10 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     if isinstance(trace, MotionTrace) and trace.touching_t is not None:
         return _of_motion(run, trace, scene, frames)
     if trace is None or trace.position_tnd is None or len(trace.step_t) == 0:
-        ends = Frame(0, 0.0, scene.packing), Frame(max(run.steps, 1), float(max(run.steps, 1)), run.packing)
+        ends = (
+            PackingFrame(0, 0.0, scene.packing),
+            PackingFrame(max(run.steps, 1), float(max(run.steps, 1)), run.packing),
+        )
         return Trajectory(ends, scene.effects, {} if trace is None else curves_of_trace(trace))
     kept = _frames_of(
         scene,
@@ -158,7 +161,7 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
         frames - 1,
     )
     last = max(int(run.steps), kept[-1].step + 1)
-    return Trajectory((*kept, Frame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
+    return Trajectory((*kept, PackingFrame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:
@@ -215,7 +218,7 @@ def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Traje
 
 def _in_motion(
     scene: Scene,
-    frames: tuple[Frame, ...],
+    frames: tuple[PackingFrame, ...],
     step_t: NDArray[np.int64],
     columns: Mapping[str, NDArray[Any]],
     shear: str,
@@ -241,12 +244,12 @@ def _frames_of(
     touching_f: Sequence[Touching] | None,
     orientation_fnq: NDArray[np.float64] | None,
     frames: int,
-) -> tuple[Frame, ...]:
+) -> tuple[PackingFrame, ...]:
     """Return evenly chosen frames; boxes and orientations are those of the scene where none were kept."""
     packing = scene.packing
     mark = None if spin_fnk is None else turned_marks(np.asarray(time_f), spin_fnk, packing.dimension)
     return tuple(
-        Frame(
+        PackingFrame(
             int(step_f[f]),
             float(time_f[f]),
             packing.replace(
@@ -350,7 +353,7 @@ def _in_images_of(start: Packing, packing: Packing) -> NDArray[np.float64]:
     return moved
 
 
-def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> list[Motion]:
+def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> list[DrawnMode]:
     """Return the lowest modes that are no free motions, at most `count` of them.
 
     Raises
@@ -369,7 +372,7 @@ def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> li
         )
     vibrating = np.flatnonzero(np.abs(modes.eigenvalue_m) > FREE_MOTION * stiffness)[:count]
     return [
-        Motion(f"mode_{rank}", f"mode {rank}: frequency {modes.frequency_m[m]:.4g}", displacement_mnd[m])
+        DrawnMode(f"mode_{rank}", f"mode {rank}: frequency {modes.frequency_m[m]:.4g}", displacement_mnd[m])
         for rank, m in enumerate(vibrating, start=1)
     ]
 
@@ -429,7 +432,7 @@ class DrawnFrame:
     wall_ed: list[NDArray[np.float64]]
 
 
-def draw_moving(frame: Frame, effects: Sequence[Any]) -> DrawnFrame:
+def draw_moving(frame: PackingFrame, effects: Sequence[Any]) -> DrawnFrame:
     """Return what to draw of a packing in motion, all of it inside the cell.
 
     Parameters

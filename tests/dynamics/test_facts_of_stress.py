@@ -98,7 +98,7 @@ def test_tensors_of_the_preset_depend_on_where_the_cell_is_cut_and_the_virial_of
     def stresses(shift):
         start = ps.SCENARIOS["assembly_sheared"](seed=2).start
         sides = np.array([start.width, start.height])
-        discs = ps.Discs((start.position_nd + shift) % sides, start.radius_n, start.mass_n)
+        discs = ps.ShearedDiscs((start.position_nd + shift) % sides, start.radius_n, start.mass_n)
         material = ps.SCENARIOS["assembly_sheared"](seed=2).material
         found = ps.advance(discs, material, ps.StepRules(1e-9, plates=False), np.zeros(2)).last
         packing = pm.Packing(discs.position_nd, discs.radius_n, pm.Box(np.diag(sides)))

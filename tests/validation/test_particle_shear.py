@@ -104,7 +104,7 @@ def test_slow_sliding_feels_half_of_coulombs_friction():
     material = ps.Material(1.0, 0.0, 1.0, 0.1, 0.5)
     cap = 0.5 * 10.0
     slow = 1e-3 * cap / 0.1
-    pair = ps.Discs([[200.0, 250.0], [310.0, 250.0]], [60.0, 60.0], [1e12, 1e12], spin_n=[slow / 60.0, 0.0])
+    pair = ps.ShearedDiscs([[200.0, 250.0], [310.0, 250.0]], [60.0, 60.0], [1e12, 1e12], spin_n=[slow / 60.0, 0.0])
     force = 0.0
     steps = 40_000
     rules, state = ps.StepRules(0.05, plates=False), pair
@@ -270,11 +270,11 @@ def test_discs_refuse_what_cannot_be():
         ({"width": 0.0}, "width must be"),
     ):
         with pytest.raises(ValueError, match=message):
-            ps.Discs(**(good | change))
+            ps.ShearedDiscs(**(good | change))
 
 
 def test_a_run_that_blows_up_says_so():
-    pair = ps.Discs([[200.0, 250.0], [201.0, 250.0]], [60.0, 60.0], [1e-300, 1.0])
+    pair = ps.ShearedDiscs([[200.0, 250.0], [201.0, 250.0]], [60.0, 60.0], [1e-300, 1.0])
     with pytest.raises(FloatingPointError, match="smaller time_step"):
         ps.advance(pair, ps.Material(1e9, divergence=1.0), ps.StepRules(1e3, plates=False), np.zeros(5))
 

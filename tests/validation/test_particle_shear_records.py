@@ -32,7 +32,7 @@ def discs(name, which="start"):
     data, settings = stored(name)
     fields = "position", "radius", "mass", "velocity", "spin", "angle", "contact", "kind", "history"
     strain, rate, time = data[f"{which}_clock"]
-    return ps.Discs(
+    return ps.ShearedDiscs(
         *(data[f"{which}_{field}"] for field in fields),
         width=settings["width"], height=settings["height"], strain=strain, strain_rate=rate, time=time,
         carried_nd=data[f"{which}_carried"],

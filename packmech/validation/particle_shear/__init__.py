@@ -17,7 +17,7 @@ Examples
 from packmech.validation.particle_shear.conversion import from_scene, to_scene
 from packmech.validation.particle_shear.experiment import (
     DRIFTS,
-    Moduli,
+    ComplexModuli,
     ParticleShear,
     ParticleShearRun,
     Periods,
@@ -28,7 +28,15 @@ from packmech.validation.particle_shear.material import Material, bond_force, no
 from packmech.validation.particle_shear.preparation import bond_fragments, prepared_discs
 from packmech.validation.particle_shear.scenarios import SCENARIOS, STATEMENTS, Row, Scenario, is_as_stated, judge
 from packmech.validation.particle_shear.series import CONTROLS, run_series
-from packmech.validation.particle_shear.step import STRESSES, Discs, Evaluation, Preparation, StepRules, Steps, advance
+from packmech.validation.particle_shear.step import (
+    STRESSES,
+    Preparation,
+    ShearedDiscs,
+    StepForces,
+    StepRules,
+    Steps,
+    advance,
+)
 from packmech.validation.particle_shear.text_file import TextData, read_text, write_text
 
 __all__ = [
@@ -37,10 +45,10 @@ __all__ = [
     "SCENARIOS",
     "STATEMENTS",
     "STRESSES",
-    "Discs",
-    "Evaluation",
+    "ShearedDiscs",
+    "StepForces",
     "Material",
-    "Moduli",
+    "ComplexModuli",
     "ParticleShear",
     "ParticleShearRun",
     "Periods",

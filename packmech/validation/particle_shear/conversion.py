@@ -28,7 +28,7 @@ from packmech.effects import (
 from packmech.packing import Packing
 from packmech.scene import OscillatoryShearDrive, Scene
 from packmech.validation.particle_shear.experiment import ParticleShear
-from packmech.validation.particle_shear.step import Discs
+from packmech.validation.particle_shear.step import ShearedDiscs
 
 # mg in kg, and 1e-12 N in 1e-6 N
 _UNIT = 1e-6
@@ -36,7 +36,7 @@ _UNIT = 1e-6
 _SAME = 1e-9
 
 
-def to_scene(experiment: ParticleShear, discs: Discs, *, plates: bool = True) -> Scene:
+def to_scene(experiment: ParticleShear, discs: ShearedDiscs, *, plates: bool = True) -> Scene:
     """Return the native scene of an experiment: the same discs, bonds, materials and shear, without the faults.
 
     What the native model does otherwise: friction is Coulomb's, all contacts count in the stress, plates hold the discs
@@ -67,7 +67,7 @@ def to_scene(experiment: ParticleShear, discs: Discs, *, plates: bool = True) ->
 
     """
     check.instance("experiment", experiment, ParticleShear)
-    check.instance("discs", discs, Discs)
+    check.instance("discs", discs, ShearedDiscs)
     check.instance("plates", plates, bool)
     if (discs.width, discs.height) != (experiment.width, experiment.height):
         raise ValueError(
@@ -116,7 +116,7 @@ def _repulsion(experiment: ParticleShear, stiffness: float) -> Any:
     return PlateauRepulsion(made.plateau_begin, made.plateau_end, made.plateau_slope, law)
 
 
-def _bonds(experiment: ParticleShear, discs: Discs) -> Bonds:
+def _bonds(experiment: ParticleShear, discs: ShearedDiscs) -> Bonds:
     """Return the bonds, each through the image that the package takes."""
     made = experiment.material
     i, j = discs.contact_ck[discs.bonded_c].T
@@ -141,7 +141,7 @@ def _bonds(experiment: ParticleShear, discs: Discs) -> Bonds:
     )
 
 
-def from_scene(scene: Scene) -> tuple[ParticleShear, Discs]:
+def from_scene(scene: Scene) -> tuple[ParticleShear, ShearedDiscs]:
     """Return the experiment and the discs of a native scene that the reference model can run.
 
     The discs are at rest and touch; `to_scene` of both is the scene again.
@@ -160,7 +160,7 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, Discs]:
     Examples
     --------
     >>> experiment = ParticleShear(particles=20, amplitude=0.1)
-    >>> start = Discs([[100.0, 200.0], [200.0, 200.0]], [60.0, 50.0], [36.0, 25.0])
+    >>> start = ShearedDiscs([[100.0, 200.0], [200.0, 200.0]], [60.0, 50.0], [36.0, 25.0])
     >>> found, discs = from_scene(to_scene(experiment, start))
     >>> found.amplitude, discs.radius_n.tolist()
     (0.1, [60.0, 50.0])
@@ -185,7 +185,7 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, Discs]:
     experiment = _experiment(of, drive, packing, width, height)
     bonds = of.get(Bonds)
     pair_ck = np.zeros((0, 2), dtype=np.int64) if bonds is None else np.stack([bonds.i_b, bonds.j_b], axis=1)
-    discs = Discs(
+    discs = ShearedDiscs(
         packing.box.wrap(packing.position_nd)[0],
         packing.radius_n,
         packing.mass_n / _UNIT,

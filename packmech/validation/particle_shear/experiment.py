@@ -21,13 +21,13 @@ from packmech.validation.particle_shear.material import (
     package_time_step,
     time_constant,
 )
-from packmech.validation.particle_shear.step import STRESSES, Discs, StepRules, Steps, advance
+from packmech.validation.particle_shear.step import STRESSES, ShearedDiscs, StepRules, Steps, advance
 
 # how a drift of the stress is treated
 DRIFTS = ("package", "none", "removed", "least_squares")
 
 
-class Moduli(NamedTuple):
+class ComplexModuli(NamedTuple):
     """In-phase and out-of-phase stress [Pa] and the storage and loss moduli G' and G'' [Pa]."""
 
     in_phase: float
@@ -82,7 +82,7 @@ def demodulate(
     *,
     drift: str = "package",
     largest_jump: float | None = None,
-) -> Moduli:
+) -> ComplexModuli:
     """Return G' and G'' of a shear stress under the strain A sin(2 pi (t f - pre)).
 
     The first period of shear is left out where there are at least two.
@@ -143,7 +143,7 @@ def demodulate(
         in_phase, out_of_phase = (
             float((stress[window] * wave).sum() / (wave**2).sum()) for wave in (np.sin(phase), np.cos(phase))
         )
-    return Moduli(in_phase, out_of_phase, in_phase / amplitude, out_of_phase / amplitude)
+    return ComplexModuli(in_phase, out_of_phase, in_phase / amplitude, out_of_phase / amplitude)
 
 
 def _drift_slope(time: NDArray[np.float64], stress: NDArray[np.float64], protocol: Periods) -> float:
@@ -253,7 +253,7 @@ class ParticleShear:
     >>> experiment.steps, f"{experiment.frequency:.1f} Hz"
     (895, '457.6 Hz')
     >>> mass = experiment.mass
-    >>> start = Discs([[200.0, 250.0], [370.0, 250.0]], [90.0, 90.0], [mass, mass])
+    >>> start = ShearedDiscs([[200.0, 250.0], [370.0, 250.0]], [90.0, 90.0], [mass, mass])
     >>> run = experiment.run(start)
     >>> run.stress("overall").shape, run.moduli("overall", drift="none")._fields
     ((895, 2, 2), ('in_phase', 'out_of_phase', 'storage', 'loss'))
@@ -396,7 +396,7 @@ class ParticleShear:
         cosine = np.cos(2.0 * math.pi * (time * f - self.pre_periods))
         return np.where(sheared, self.amplitude * 2.0 * math.pi * f * cosine, 0.0)
 
-    def run(self, start: Discs, *, frames: int = 0) -> ParticleShearRun:
+    def run(self, start: ShearedDiscs, *, frames: int = 0) -> ParticleShearRun:
         """Return the run of the experiment on discs that are ready for it.
 
         Parameters
@@ -407,7 +407,7 @@ class ParticleShear:
             How many states to keep, evenly spaced from the start to the end; they change no bit of the run.
 
         """
-        check.instance("start", start, Discs)
+        check.instance("start", start, ShearedDiscs)
         check.integer("frames", frames, at_least=0)
         if start.time != 0.0:
             raise ValueError(f"start must be at time 0, got {start.time:g} s")
@@ -455,12 +455,12 @@ class ParticleShearRun:
     """
 
     experiment: ParticleShear
-    start: Discs
-    frames: tuple[Discs, ...]
+    start: ShearedDiscs
+    frames: tuple[ShearedDiscs, ...]
     series: Steps
 
     @property
-    def final(self) -> Discs:
+    def final(self) -> ShearedDiscs:
         """The state after the last step."""
         return self.series.final
 
@@ -487,7 +487,9 @@ class ParticleShearRun:
         """Return the (T,) shear stress -sigma_xy of the tensor of that name [Pa] (S1-25)."""
         return -self.series.stress(name)[:, 0, 1]
 
-    def moduli(self, name: str = "overall", *, drift: str = "package", largest_jump: float | None = None) -> Moduli:
+    def moduli(
+        self, name: str = "overall", *, drift: str = "package", largest_jump: float | None = None
+    ) -> ComplexModuli:
         """Return G' and G'' from the tensor of that name, with drift and jumps treated as `demodulate` says."""
         stress = self.shear_stress(name)
         return demodulate(self.time_t, stress, self.experiment.protocol, drift=drift, largest_jump=largest_jump)

@@ -14,7 +14,7 @@ from packmech.generate.fragments import SPANNING
 from packmech.generate.random import generator_of
 from packmech.validation.particle_shear.experiment import ParticleShear
 from packmech.validation.particle_shear.material import Material, disc_radii
-from packmech.validation.particle_shear.step import Discs, Preparation, StepRules, advance
+from packmech.validation.particle_shear.step import Preparation, ShearedDiscs, StepRules, advance
 
 # a fragment of more than this part of the cell's height spans it
 _HIGH = 0.9
@@ -25,7 +25,7 @@ _STEPS = 300
 
 
 def bond_fragments(
-    discs: Discs,
+    discs: ShearedDiscs,
     *,
     centers: int | None = None,
     lines: int | None = None,
@@ -37,13 +37,13 @@ def bond_fragments(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     tries: int = 1000,
-) -> Discs:
+) -> ShearedDiscs:
     """Return the discs with their contacts bonded and cut into fragments, in the package's order.
 
     All contacts become bonds; bonds are cut, and all that again while a fragment spans the height; bonds are taken
     away; discs without a bond get one. Fragments are what bonds inside the cell hold together: a bond through its
     boundary is a bond, but neither joins fragments nor counts for what a disc has. What was done goes along as
-    `Discs.preparation`.
+    `ShearedDiscs.preparation`.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def bond_fragments(
     (0, 4, True)
 
     """
-    check.instance("discs", discs, Discs)
+    check.instance("discs", discs, ShearedDiscs)
     pieces = _pieces(centers, lines)
     fuzziness = check.real("edge_fuzziness", edge_fuzziness, at_least=0.0)
     angle = check.real("avoided_angle", avoided_angle, at_least=0.0, below=90.0)
@@ -91,7 +91,7 @@ def bond_fragments(
     check.instance("cut_top_bottom", cut_top_bottom, bool)
     rng = generator_of(seed, rng)
     avoided = spanning == "avoided" and pieces > (1 if lines is None else 0)
-    found = _Contacts(discs)
+    found = _CellContacts(discs)
     for _ in range(check.integer("tries", tries, at_least=1)):
         bonded_c = np.ones(len(discs.contact_ck), dtype=bool)
         if cut_top_bottom:
@@ -139,7 +139,7 @@ def prepared_discs(
     removed_fraction: float = 0.0,
     radii: str = "coin flips",
     steps: int = _STEPS,
-) -> Discs:
+) -> ShearedDiscs:
     """Return relaxed discs for an experiment, at time 0, with plates at the top and the bottom, as the package does.
 
     From random places discs relax without plates, first without friction, in steps that get shorter. Then they are
@@ -173,7 +173,7 @@ def prepared_discs(
     bonded = centers is not None or lines is not None
     if bonded:
         _pieces(centers, lines)
-    material, relax = experiment.material, _Relaxation(experiment, first)
+    material, relax = experiment.material, _Preparation(experiment, first)
     discs = relax.before_bonds(_random_discs(experiment, radii, rng))
     longest = experiment.longest_step
     if bonded:
@@ -204,7 +204,7 @@ def _pieces(centers: int | None, lines: int | None) -> int:
     return check.integer("lines", lines, at_least=0)
 
 
-def _random_discs(experiment: ParticleShear, radii: str, rng: np.random.Generator) -> Discs:
+def _random_discs(experiment: ParticleShear, radii: str, rng: np.random.Generator) -> ShearedDiscs:
     """Return discs at random places, at whole numbers of um as the package has them."""
     count, width, height = experiment.particles, experiment.width, experiment.height
     large, small = disc_radii(
@@ -218,10 +218,10 @@ def _random_discs(experiment: ParticleShear, radii: str, rng: np.random.Generato
     # the package's masses: the model's at the mean radius of the two sizes
     mass_n = experiment.mass * radius_n**2 / (large * small)
     place_nd = np.stack([rng.integers(0, math.ceil(side), count) for side in (width, height)], axis=1)
-    return Discs(place_nd.astype(float), radius_n, mass_n, width=width, height=height)
+    return ShearedDiscs(place_nd.astype(float), radius_n, mass_n, width=width, height=height)
 
 
-class _Relaxation:
+class _Preparation:
     """The stages of the package's preparation."""
 
     def __init__(self, experiment: ParticleShear, first: int) -> None:
@@ -231,7 +231,7 @@ class _Relaxation:
         """Return the steps of a stage to which the package gives so many."""
         return max(1, int(of_package) * self.first // _STEPS)
 
-    def before_bonds(self, discs: Discs) -> Discs:
+    def before_bonds(self, discs: ShearedDiscs) -> ShearedDiscs:
         """Return random discs at rest; the package takes more rounds where little strain is to come."""
         made = self.experiment
         reinforced = made.reinforcement_normal != 1.0
@@ -246,7 +246,7 @@ class _Relaxation:
                 discs = self.freely(discs, made.material, made.longest_step, 100 if reinforced else 200)
         return discs
 
-    def after_bonds(self, discs: Discs, longest: float) -> Discs:
+    def after_bonds(self, discs: ShearedDiscs, longest: float) -> ShearedDiscs:
         """Return bonded discs at rest."""
         made = self.experiment
         material = made.material
@@ -264,7 +264,7 @@ class _Relaxation:
                 discs = self.freely(discs, one, longest / 3.0, 200)
         return discs
 
-    def freely(self, discs: Discs, material: Material, longest: float, of_package: int) -> Discs:
+    def freely(self, discs: ShearedDiscs, material: Material, longest: float, of_package: int) -> ShearedDiscs:
         """Return the discs after one round without plates: long strongly cooled steps without friction first."""
         final, steps = self.experiment.time_step, np.zeros(self.steps(of_package))
         step, cooling = longest, 0.5
@@ -277,7 +277,7 @@ class _Relaxation:
             discs = advance(discs, made, StepRules(final, plates=False), steps).final
         return discs
 
-    def with_plates(self, discs: Discs, material: Material, longest: float) -> Discs:
+    def with_plates(self, discs: ShearedDiscs, material: Material, longest: float) -> ShearedDiscs:
         """Return the discs after the stages with plates, which end with the experiment's own cooling."""
         made = self.experiment
         mu, strain = made.friction_coefficient, made.amplitude
@@ -293,10 +293,10 @@ class _Relaxation:
         return advance(discs, material, made.rules, np.zeros(steps)).final
 
 
-class _Contacts:
+class _CellContacts:
     """The contacts of discs in an unstrained cell, with their vectors to the nearest image."""
 
-    def __init__(self, discs: Discs) -> None:
+    def __init__(self, discs: ShearedDiscs) -> None:
         self.discs, self.pair_ck = discs, discs.contact_ck
         self.size = np.array([discs.width, discs.height])
         raw_cd = discs.position_nd[self.pair_ck[:, 1]] - discs.position_nd[self.pair_ck[:, 0]]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from packmech.validation.particle_shear.experiment import ParticleShear
 from packmech.validation.particle_shear.material import Material
 from packmech.validation.particle_shear.preparation import prepared_discs
-from packmech.validation.particle_shear.step import STRESSES, Discs, StepRules, Steps, advance
+from packmech.validation.particle_shear.step import STRESSES, ShearedDiscs, StepRules, Steps, advance
 
 Tensors = Mapping[str, NDArray[np.float64]]
 
@@ -94,7 +94,7 @@ class Scenario:
 
     name: str
     table: str
-    start: Discs
+    start: ShearedDiscs
     material: Material
     rules: StepRules
     strain_rate_t: NDArray[np.float64]
@@ -106,7 +106,7 @@ class Scenario:
         return advance(self.start, self.material, self.rules, self.strain_rate_t)
 
 
-def momentum(discs: Discs) -> tuple[NDArray[np.float64], float]:
+def momentum(discs: ShearedDiscs) -> tuple[NDArray[np.float64], float]:
     """Return the linear momentum [mg um/s] and the angular one about the origin [mg um^2/s], per metre of depth."""
     linear = (discs.mass_n[:, None] * discs.velocity_nd).sum(axis=0)
     x, v = discs.position_nd, discs.velocity_nd
@@ -168,9 +168,11 @@ def _pair(
     spin_n: list[float],
     *,
     bonded: bool = False,
-) -> Discs:
+) -> ShearedDiscs:
     count = len(position_nd)
-    pair = Discs(np.array(position_nd), np.full(count, 60.0), np.ones(count), np.array(velocity_nd), np.array(spin_n))
+    pair = ShearedDiscs(
+        np.array(position_nd), np.full(count, 60.0), np.ones(count), np.array(velocity_nd), np.array(spin_n)
+    )
     if not bonded:
         return pair
     return pair.replace(contact_ck=np.array([[0, 1]]), kind_c=np.array(["bond"]), history_ck=np.zeros((1, 2)))

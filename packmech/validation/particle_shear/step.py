@@ -19,7 +19,7 @@ from packmech.validation.particle_shear.material import Material, repulsion, ten
 OPEN, STICK, SLIP, BOND = 0, 1, 2, 3
 
 
-class Pairs(NamedTuple):
+class NearPairs(NamedTuple):
     """Near pairs i < j in order, their kinds, and what a contact needs at hand.
 
     That is, in a row of 9: the two histories, 1/(r_i + r_j), and the last separation from i to j: n_x, n_y, the number
@@ -68,7 +68,7 @@ def _find_near(x_n, y_n, radius_n, i, width, height, strain, margin, near_n):
 def list_pairs(position_nd, radius_n, width, height, strain, margin, old):
     """Return the pairs nearer than touching plus the margin.
 
-    Pairs of the old list that are in contact or bonded stay, wherever they are, with their state.
+    NearPairs of the old list that are in contact or bonded stay, wherever they are, with their state.
     """
     count, listed = radius_n.shape[0], old.i_p.shape[0]
     x_n, y_n = position_nd[:, 0].copy(), position_nd[:, 1].copy()
@@ -99,7 +99,7 @@ def list_pairs(position_nd, radius_n, width, height, strain, margin, old):
             kind_p[p] = old.kind_p[from_p[p]]
             state_p9[p, 0] = old.state_p9[from_p[p], 0]
             state_p9[p, 1] = old.state_p9[from_p[p], 1]
-    return Pairs(i_p, j_p, kind_p, state_p9)
+    return NearPairs(i_p, j_p, kind_p, state_p9)
 
 
 # the package's words for the kinds of contacts, and ours for `permanent`
@@ -163,7 +163,7 @@ class Preparation:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Discs:
+class ShearedDiscs:
     """Discs in a rectangular cell, with everything that the next step depends on.
 
     Lengths are in um, times in s, masses in mg per metre of depth; forces are then in 1e-12 N/m and torques in 1e-18 N.
@@ -193,7 +193,7 @@ class Discs:
 
     Examples
     --------
-    >>> pair = Discs([[200.0, 250.0], [310.0, 250.0]], [60.0, 60.0], [1.0, 1.0])
+    >>> pair = ShearedDiscs([[200.0, 250.0], [310.0, 250.0]], [60.0, 60.0], [1.0, 1.0])
     >>> pair.discs, pair.inertia_n
     (2, array([1800., 1800.]))
 
@@ -265,7 +265,7 @@ class Discs:
         """(C,) whether each contact is a permanent bond. Its rest length is always the sum of the radii."""
         return np.asarray(self.kind_c == "bond")
 
-    def replace(self, **changes: object) -> Discs:
+    def replace(self, **changes: object) -> ShearedDiscs:
         """Return the same state with some fields exchanged; new contacts or kinds of them forget the preparation."""
         if {"contact_ck", "kind_c"} & set(changes):
             changes = {"preparation": None} | changes
@@ -312,7 +312,7 @@ def _contacts(
 (LOVE_WEBER, EXTERNAL, ACCELERATION, UNBALANCED, TORQUE, INTERNAL_TORQUE, CENTRIFUGAL, OTSUKI, OVERALL) = range(9)
 
 
-class Motion(NamedTuple):
+class MovingArrays(NamedTuple):
     """Arrays that a step changes in place."""
 
     position_nd: NDArray[np.float64]
@@ -322,7 +322,7 @@ class Motion(NamedTuple):
     carried_nd: NDArray[np.float64]
 
 
-class Body(NamedTuple):
+class FixedArrays(NamedTuple):
     """Arrays that stay; the last two are what a force and a torque add to speed and spin in one step."""
 
     radius_n: NDArray[np.float64]
@@ -709,7 +709,7 @@ class StepRules:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Evaluation:
+class StepForces:
     """What one step saw when it evaluated its forces.
 
     Attributes
@@ -761,29 +761,29 @@ class Steps:
 
     """
 
-    final: Discs
+    final: ShearedDiscs
     time_t: NDArray[np.float64]
     strain_t: NDArray[np.float64]
     strain_rate_t: NDArray[np.float64]
     stress_tsdd: NDArray[np.float64]
     caught_t: NDArray[np.int64]
     contacts_t: NDArray[np.int64]
-    last: Evaluation
+    last: StepForces
 
     def stress(self, name: str) -> NDArray[np.float64]:
         """Return the (T, 2, 2) tensor of that name [Pa]."""
         return np.asarray(self.stress_tsdd[:, STRESSES.index(check.one_of("name", name, STRESSES))])
 
 
-def _start_pairs(discs: Discs) -> Pairs:
+def _start_pairs(discs: ShearedDiscs) -> NearPairs:
     kinds = np.array([KINDS[str(kind)] for kind in discs.kind_c], dtype=np.int64)
     i_p, j_p = (np.array(discs.contact_ck[:, k]) for k in (0, 1))
     state_p9 = np.zeros((len(kinds), 9))
     state_p9[:, :2] = discs.history_ck
-    return Pairs(i_p, j_p, kinds, state_p9)
+    return NearPairs(i_p, j_p, kinds, state_p9)
 
 
-def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: ArrayLike) -> Steps:
+def advance(discs: ShearedDiscs, material: Material, rules: StepRules, strain_rate_t: ArrayLike) -> Steps:
     """Return the run of as many steps as there are strain rates.
 
     Parameters
@@ -799,20 +799,20 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
 
     Examples
     --------
-    >>> pair = Discs([[200.0, 250.0], [310.0, 250.0]], [60.0, 60.0], [1.0, 1.0])
+    >>> pair = ShearedDiscs([[200.0, 250.0], [310.0, 250.0]], [60.0, 60.0], [1.0, 1.0])
     >>> steps = advance(pair, Material(stiffness=1.0), StepRules(0.1, plates=False), [0.0])
     >>> print(steps.last.force_nd[0], steps.stress("love_weber")[0, 0, 0] * 500.0**2 / 1e-6)
     [-10.   0.] 1100.0
 
     """
-    check.instance("discs", discs, Discs)
+    check.instance("discs", discs, ShearedDiscs)
     check.instance("material", material, Material)
     check.instance("rules", rules, StepRules, "an instance of")
     rate_t = check.finite_array("strain_rate_t", strain_rate_t, shape=(None,), what="step")
     count, steps = discs.discs, len(rate_t)
-    motion = Motion(*(np.array(getattr(discs, name)) for name in Motion._fields))
+    motion = MovingArrays(*(np.array(getattr(discs, name)) for name in MovingArrays._fields))
     push_n, turn_n = rules.time_step / discs.mass_n, rules.time_step / discs.inertia_n
-    body = Body(discs.radius_n.copy(), discs.mass_n.copy(), push_n, turn_n)
+    body = FixedArrays(discs.radius_n.copy(), discs.mass_n.copy(), push_n, turn_n)
     cell = Cell(
         discs.width, discs.height, bool(rules.plates), rules.time_step, rules.cooling,
         bool(rules.clears_forces), bool(rules.all_spin), bool(rules.otsuki_flow),
@@ -831,7 +831,7 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
         raise FloatingPointError(
             f"the run blew up: a disc's position is no number after {steps} steps; take a smaller time_step"
         )
-    final = Discs(
+    final = ShearedDiscs(
         *(motion.position_nd, body.radius_n, body.mass_n, motion.velocity_nd, motion.spin_n, motion.angle_n),
         contact_ck=np.stack([pairs.i_p[held], pairs.j_p[held]], axis=1),
         kind_c=np.array([names[int(kind)] for kind in pairs.kind_p[held]], dtype="U5"),
@@ -846,7 +846,7 @@ def advance(discs: Discs, material: Material, rules: StepRules, strain_rate_t: A
     )
     mobile_n = register.row_n8[:, 6] == 1.0
     inner_n4, outer_n4 = register.part_n24[:, 0], np.where(mobile_n[:, None], register.part_n24[:, 1], 0.0)
-    last = Evaluation(
+    last = StepForces(
         *(mobile_n, register.force_nd, register.torque_n, inner_n4[:, :2], outer_n4[:, :2], inner_n4[:, 2]),
         outer_torque_n=outer_n4[:, 2],
         stress_sdd=stress_tsdd[-1],

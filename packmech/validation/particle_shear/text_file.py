@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from packmech import check
 from packmech.validation.particle_shear.experiment import ParticleShear, ParticleShearRun
 from packmech.validation.particle_shear.material import contact_stiffness, contact_viscosity
-from packmech.validation.particle_shear.step import STRESSES, Discs, Preparation
+from packmech.validation.particle_shear.step import STRESSES, Preparation, ShearedDiscs
 
 # the columns' names of our tensors, in the order of the file
 COLUMNS = {
@@ -187,8 +187,8 @@ def write_text(
     folder
         An existing folder.
     preparation
-        How the discs were bonded, where they do not say so themselves (`Discs.preparation`); discs without bonds need
-        none.
+        How the discs were bonded, where they do not say so themselves (`ShearedDiscs.preparation`); discs without
+        bonds need none.
     tensors
         Whether to write the series of all tensors besides the header.
 
@@ -236,7 +236,7 @@ def write_text(
     return path
 
 
-def _preparation(discs: Discs, given: Preparation | None) -> Preparation:
+def _preparation(discs: ShearedDiscs, given: Preparation | None) -> Preparation:
     """Return how discs were bonded, after holding what is given against what is known of them."""
     if given is not None:
         check.instance("preparation", given, Preparation)
