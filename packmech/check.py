@@ -1,4 +1,4 @@
-"""Checks at the edge, with one message format: argument, what is required, what came, where."""
+"""Checks at the edge, with one message format: argument, what is required, what was given, where."""
 
 from __future__ import annotations
 
@@ -189,7 +189,7 @@ def instance(name: str, value: Any, kind: type, article: str = "a") -> None:
     Raises
     ------
     TypeError
-        Naming the argument, the class and what came.
+        Naming the argument, the class and what was given.
 
     """
     if not isinstance(value, kind):
@@ -202,7 +202,7 @@ def function(name: str, value: Any) -> None:
     Raises
     ------
     TypeError
-        Naming the argument and what came.
+        Naming the argument and what was given.
 
     """
     if not callable(value):
@@ -232,7 +232,7 @@ def table(name: str, value: Any) -> None:
     Raises
     ------
     TypeError
-        Naming the argument and what came.
+        Naming the argument and what was given.
 
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):

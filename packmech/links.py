@@ -115,7 +115,7 @@ def named_rows(
 ) -> NDArray[np.int64]:
     """Return the places of the asked pairs (i, j, image) among the known ones, named from any end; -1 where none is.
 
-    Sites (P, 2) are places on the particles that tell pairs of the same ones apart, such as beads.
+    Sites (P, 2) are places on the particles that distinguish pairs of the same particles, such as beads.
     """
     rows = []
     for pairs, site in ((known, known_site), (asked, asked_site)):

@@ -90,7 +90,7 @@ class Packing:
     Raises
     ------
     TypeError, ValueError
-        Naming the argument, what is required, what came and for which particle; also where lengths are beyond double
+        Naming the argument, what is required, what was given, for which particle; also where lengths exceed double
         precision, or a particle so far away that rounding of its position exceeds 1e-6 of the smallest radius.
 
     Examples
@@ -456,7 +456,7 @@ def _check_digits(position_nd: NDArray[np.float64], radius_n: NDArray[np.float64
     Raises
     ------
     ValueError
-        Naming the argument, what came and for which particle.
+        Naming the argument, what was given and for which particle.
 
     """
     smallest, largest = int(radius_n.argmin()), int(radius_n.argmax())

@@ -1,4 +1,4 @@
-"""What a run or a solve achieved and what it cost, and how that is told in words, by name and as a table."""
+"""What a run or a solve achieved and what it cost, and how that is said in words, by name and as a table."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def particles_in_words(packing: Packing) -> str:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a run or an examined packing comes to, in words.
+    """The results of a run or an examined packing, in words.
 
     Attributes
     ----------

@@ -12,14 +12,14 @@ def returns(act, episodes=EPISODES, seed=10_000):
     act takes (B, K) observations and returns (B, 2) actions.
     """
     envs = QuenchVectorEnv(episodes, autoreset_mode="Disabled")
-    observation, told = envs.reset(seed=seed)
-    total, cost, won = np.zeros(episodes), told["force_evaluations"].astype(float), np.zeros(episodes, dtype=bool)
+    observation, info = envs.reset(seed=seed)
+    total, cost, won = np.zeros(episodes), info["force_evaluations"].astype(float), np.zeros(episodes, dtype=bool)
     going = np.ones(episodes, dtype=bool)
     while going.any():
         action = np.clip(act(observation), -1.0, 1.0)
-        observation, reward, terminated, truncated, told = envs.step(action)
+        observation, reward, terminated, truncated, info = envs.step(action)
         total += np.where(going, reward, 0.0)
-        cost += np.where(going, told["force_evaluations"], 0.0)
+        cost += np.where(going, info["force_evaluations"], 0.0)
         won |= going & terminated
         ended = going & (terminated | truncated)
         going &= ~ended

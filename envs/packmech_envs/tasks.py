@@ -1,6 +1,6 @@
 """What an environment is given: options that are checked, and a scene by name, from a file, or as a Scene.
 
-Every wrong option gets an error that names it, what is required and what came.
+Every wrong option gets an error that names it, what is required and what was given.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ ABOUT = "Mechanics of jammed packings: make them, ask whether they are jammed, h
 # verb: what it does. Its function is packmech.cli.VERB.VERB
 VERBS = {
     "jam": "Jam a scene, say what the packing is, and leave a recording of it.",
-    "run": "Do what a scene's own [drive] says, and say what came of it.",
+    "run": "Do what a scene's own [drive] says, and report the result.",
     "analyze": "Examine a packing made elsewhere; nothing is moved.",
     "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
     "scenes": "List the scenes that ship inside the package.",

@@ -1,4 +1,4 @@
-"""`packmech ensemble`: run a scene or a function over seeds and parameters, and see to what came of it."""
+"""`packmech ensemble`: run a scene or a function over seeds and parameters, and read the results."""
 
 from __future__ import annotations
 
@@ -271,7 +271,7 @@ def _executor(scheduler: str | None) -> Iterator[Executor | None]:
 
 
 def _carried_out(scheduler: str | None, carry_out: Callable[[Executor | None, Callable[..., None]], Ensemble]) -> int:
-    """Run members with progress on standard error, and say what came of it; return the exit code."""
+    """Run members with progress on standard error, and report the result; return the exit code."""
     with (
         working("ensemble") as say,
         _executor(scheduler) as executor,

@@ -129,7 +129,7 @@ def table(
 
 
 def show_summary(title: str, summary: Summary) -> None:
-    """Print what a run or a report comes to, and what each step cost."""
+    """Print the results of a run or a report, and what each step cost."""
     show(table(title, ("", "", ""), summary.rows, right=()))
     show(table("what each step achieved and cost", STAGE_HEADINGS, stage_rows(summary.stages), right=(1, 2, 3)))
 

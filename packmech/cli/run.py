@@ -120,7 +120,7 @@ def run(
     format: str = "png",
     checkpoint: Path | None = None,
 ) -> int:
-    """Do what a scene's own [drive] says, and say what came of it.
+    """Do what a scene's own [drive] says, and report the result.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def run(
 
 
 def carry_out(wanted: Wanted) -> int:
-    """Run a scene, print what came of it and write what was asked for; return the exit code."""
+    """Run a scene, print the result and write what was asked for; return the exit code."""
     scene, files = wanted.scene, wanted.files
     path = wanted.own_checkpoint if wanted.checkpoint is None else wanted.checkpoint
     if path is not None and path.exists() and takes_checkpoint(scene):

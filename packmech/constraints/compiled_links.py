@@ -39,7 +39,7 @@ ERROR, ITERATIONS, NUMBERS = 0, 1, 2
 
 
 class CompiledLinks(NamedTuple):
-    """The links between the rows of a program, and what tells which pairs are no contacts.
+    """The links between the rows of a program, and which pairs are no contacts.
 
     other_l and image_ld list, from start_n[i] on, the links of row i to rows j >= i. Pairs of one rigid cluster
     (label rigid_n, -1 for none) at the image offset_j - offset_i are no contacts either. scale_l is what the error of a

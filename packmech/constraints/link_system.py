@@ -678,7 +678,7 @@ def project_force(system, force_nd, out_nd, multiplier_l):
 
     lambda are the links' multipliers, in the packing's order of links: each link adds the force -lambda n on j and
     lambda n on i, so that lambda > 0 is tension. Needs `refill` at this configuration; out may be the force itself. No
-    link should depend on others: what is left of the largest rate tells when rounding won.
+    link should depend on others: what is left of the largest rate shows when rounding won.
     """
     return project_vector(system, force_nd, out_nd, multiplier_l, True)
 

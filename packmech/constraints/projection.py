@@ -345,7 +345,7 @@ def reaffix_links(
     rank = len(factor.pairs)
     if residual[-1] <= max(_CLOSE, tolerance):
         packing = packing.replace(position_nd=place)
-    # from farther off than that, where the steps went tells nothing about the links
+    # from farther off than that, where the steps went is inconclusive about the links
     if residual[-1] < _CLOSE:
         # near a degenerate shape the error falls by a constant factor, and the shape is met to its square root only
         many = len(residual) > _QUADRATIC or np.count_nonzero(residual < _CLOSE) > _FEW

@@ -28,7 +28,7 @@ from packmech.packing import Packing, no_own_images
 # sine between a link and the span of others below which it depends on them: a collinear trimer within rounding of its
 # lengths is off its line by some 1e-7, a bend that is meant by more
 SINE = 1e-6
-# how far places are moved to tell degenerate links from redundant ones, in mean link lengths
+# displacements that distinguish degenerate links from redundant ones, in mean link lengths
 _SHAKE = 0.03
 # in larger tangles of links the particles of a degenerate link are not distinguished from the others
 _RESOLVED = 400

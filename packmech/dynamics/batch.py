@@ -622,7 +622,7 @@ class ShearBatch:
         return engine
 
     def outcome(self, index: int) -> Outcome:
-        """Return how one packing fares: Outcome.FINISHED, or Outcome.STEP_TOO_LONG once it moved too fast.
+        """Return the state of one packing: Outcome.FINISHED, or Outcome.STEP_TOO_LONG once it moved too fast.
 
         Parameters
         ----------

@@ -1,7 +1,7 @@
 """Many runs of one job over seeds and parameters: a folder for each, on whatever engine of `concurrent.futures`.
 
 The folder is the state. It is a signac project: ``workspace/<id>/signac_statepoint.json`` names a member's parameters,
-and the id is signac's hash of them. ``result.json`` beside it holds what came of the member, ``failure.json`` why
+and the id is signac's hash of them. ``result.json`` beside it holds its result, ``failure.json`` why
 nothing did; either is written under another name and moved into place when it is whole. Nothing else is remembered
 anywhere, so that any process may end at any time: what is there stays, what is missing is run by whoever comes next.
 

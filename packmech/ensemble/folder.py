@@ -55,7 +55,7 @@ def _stored(folder: Path) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class MemberOutcome:
-    """What came of a member.
+    """The result of a member.
 
     Attributes
     ----------
@@ -268,7 +268,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def write_outcome(folder: Path, member: Member, outcome: MemberOutcome) -> None:
-    """Write what came of a member, its result last and in one step; what was left of attempts before goes."""
+    """Write the result of a member, atomically; what earlier attempts left is removed."""
     path = folder / WORKSPACE / member.id
     with _stored(folder):
         for name, packing in outcome.packings.items():

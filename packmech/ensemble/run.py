@@ -26,7 +26,7 @@ from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 
 Progress = Callable[[str, dict[str, Any]], None]
-# what came of each group as it ended, or the executor's own error
+# results of each group as it ended, or the executor's own error
 Replies = Iterator[list[Reply] | BaseException]
 
 # for so long the first member is alone, so that what it compiles the others find [s]
@@ -38,7 +38,7 @@ _BUSY = 0.5
 # executors other than this process get groups of members: so many groups at least, and members in a group at most
 _GROUPS, _LARGEST_GROUP = 64, 32
 
-# what tells members that run in threads of this process to stop, by the run that they belong to, and their workers
+# events that stop members running in threads of this process, by the run that they belong to, and their workers
 _STOPPING: dict[str, threading.Event] = {}
 _WORKERS: dict[str, list[Worker]] = {}
 _THREAD = threading.local()
@@ -397,7 +397,7 @@ def _replies(
     pending: set[Future[list[Reply]]],
     threads: int,
 ) -> Replies:
-    """Give what came of each group as it ends; the executor's own errors are given, too.
+    """Yield the results of each group as it ends, and the executor's own errors.
 
     Threads of this process get two groups each at a time, and the first of them a head start; other executors all.
     """
@@ -434,7 +434,7 @@ def _replies(
 
 
 def _taken(replies: Replies, known: _MembersDone) -> set[str]:
-    """Count what came of the members; return those that another command runs.
+    """Count the results of the members; return those that another command runs.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What came of an ensemble: one row for each member, made from the folder at any time."""
+"""The results of an ensemble: one row for each member, made from the folder at any time."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _SHOWN = 4
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble:
-    """The members of a folder and what came of them, as they were when it was read.
+    """The members of a folder and their results, as they were when it was read.
 
     ``ensemble["phi"]`` is the column of that name; rows are in the order of the parameters.
 

@@ -75,7 +75,7 @@ def from_table(table: Any, where: str, kinds: Kinds, nested: Mapping[str, Kinds]
     Raises
     ------
     TypeError, ValueError
-        Naming the path of the field, what it must be and what came.
+        Naming the path of the field, what it must be and what was given.
 
     """
     return make(*read_fields(table, where, kinds, nested), where)

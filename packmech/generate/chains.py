@@ -659,7 +659,7 @@ def chain_packing(
         ``"avoided"`` or ``"allowed"``: whether bonds may cross in two dimensions. In three, chains of spheres that do
         not overlap cannot pass through each other while every link is shorter than sqrt(2) times the smallest
         diameter: two links at right angles through each other's middle have their beads 1/sqrt(2) of a link apart.
-        Longer links, and overlaps deeper than 1 - link / (sqrt(2) diameter), let them pass, and nothing tells of it.
+        Longer links, and overlaps deeper than 1 - link / (sqrt(2) diameter), let them pass, and this is not reported.
     largest_overlap
         Largest overlap of two beads that no link joins, relative to the sum of their radii [1]; None: any.
     tries
@@ -670,7 +670,7 @@ def chain_packing(
     Raises
     ------
     TypeError, ValueError
-        Naming the argument, what it must be and what came; also where a chain finds no room in ``tries`` tries.
+        Naming the argument, what it must be and what was given; also where a chain finds no room in ``tries`` tries.
 
     Examples
     --------

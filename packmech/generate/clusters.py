@@ -78,7 +78,7 @@ def cluster_packing(
     Raises
     ------
     TypeError, ValueError
-        Naming the argument, what it must be and what came; also where bonds find no room in ``tries`` tries.
+        Naming the argument, what it must be and what was given; also where bonds find no room in ``tries`` tries.
 
     Examples
     --------

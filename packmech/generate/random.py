@@ -354,7 +354,7 @@ def random_packing(
     Raises
     ------
     TypeError, ValueError
-        Naming the argument, what it must be and what came.
+        Naming the argument, what it must be and what was given.
 
     Examples
     --------
@@ -428,7 +428,7 @@ def fill_box(
     Raises
     ------
     TypeError, ValueError
-        Naming the argument, what it must be and what came.
+        Naming the argument, what it must be and what was given.
 
     Examples
     --------

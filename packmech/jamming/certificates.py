@@ -186,7 +186,7 @@ def is_surely_rigid(cone: MotionCone) -> bool:
     most about sqrt(2 z) times that. And before a gap closes, a motion that changes contacts by s of itself may go by
     gap / s and turn them by as much: contacts with gaps not far below s^2 may let particles go that they would hold at
     rest, so others must hold the motion in either direction. Next to a floppy motion solvers take a mixture with a soft
-    one for the softest: its value tells nothing.
+    one for the softest: its value is inconclusive.
 
     Parameters
     ----------

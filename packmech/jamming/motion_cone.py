@@ -32,7 +32,7 @@ FLOPPY = 1e-10
 _ROUNDING = 100 * float(np.finfo(np.float64).eps)
 # inverse iterations that leave of a floppy mode, tenfold purer each time, what rounding does
 _PURER = 12
-# changes of rows by so many times what the contacts are known to cannot be told from none
+# changes of rows by so many times what the contacts are known to are zero within the error
 _KNOWN = 10.0
 # keeps the factorization of R^T R definite when there are floppy modes; below FLOPPY, above the rounding of its pivots
 _LIFT = 1e-11
@@ -115,7 +115,7 @@ class MotionCone:
 
     @property
     def rounding(self) -> float:
-        """Change of a row that cannot be told from none, of the largest component of the motion [1]."""
+        """Change of a row that are zero within the error, of the largest component of the motion [1]."""
         return float(_ROUNDING * len(self.kept_n) ** (1.0 / self.dimension))
 
     def without_translations(self, motion: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -35,7 +35,7 @@ from packmech.scene import Scene
 
 # what is left of a step where contacts hold a motion up [1]
 _STANDSTILL = 0.02
-# a step is given up when so much of it is lost on the way back to where links and contacts allow it
+# a step is abandoned when so much of it is lost on the way back to where links and contacts allow it
 _LOST = 0.5
 _CORRECTIONS = 12
 # links this near to their lengths count as kept [1]

@@ -176,9 +176,9 @@ class KernelCache(NullCache):  # type: ignore[misc]
 
     def _key(self, sig: Any, codegen: Any) -> bytes | None:
         """Return all that the code depends on; None where that is unknown."""
-        function, told = self._function, str(sig)
+        function, signature = self._function, str(sig)
         # a function passed as an argument shows as its address
-        if "<locals>" in function.__qualname__ or " at 0x" in told or not self._kept(sig):
+        if "<locals>" in function.__qualname__ or " at 0x" in signature or not self._kept(sig):
             return None
         sources = source_hash(pathlib.Path(function.__code__.co_filename))
         if sources is None:
@@ -189,7 +189,7 @@ class KernelCache(NullCache):  # type: ignore[misc]
         parts = [
             f"{function.__module__}.{function.__qualname__}",
             hashlib.sha256(function.__code__.co_code).hexdigest(),
-            told,
+            signature,
             self._options,
             _tools(),
             codegen.magic_tuple(),

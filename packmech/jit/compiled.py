@@ -94,18 +94,18 @@ def _refusal(classes: dict[type, Any]) -> TypeError | None:
     for cls, numba_type in classes.items():
         what, methods = _METHODS.get(cls, ("", {}))
         for name, method in methods.items():
-            told = f"{what} {written_name(cls)}.{name} must"
+            rule = f"{what} {written_name(cls)}.{name} must"
             dispatcher = njit(**OPTIONS)(method)
             numbers = [types.float64] * (len(inspect.signature(method).parameters) - 1)
             try:
                 dispatcher.compile((numba_type, *numbers))
             except NumbaError as error:
-                refusal = TypeError(f"{told} compile: {_reason(error)}")
+                refusal = TypeError(f"{rule} compile: {_reason(error)}")
                 refusal.__cause__ = error
                 return refusal
             given = dispatcher.nopython_signatures[0].return_type
             if not isinstance(given, types.Integer | types.Float | types.Boolean):
-                return TypeError(f"{told} return a number, got {given} when compiled")
+                return TypeError(f"{rule} return a number, got {given} when compiled")
     return None
 
 

@@ -81,7 +81,7 @@ def check_indices(arrays: Mapping[str, Any], bounds: Mapping[str, IndexBounds]) 
     Raises
     ------
     ValueError
-        Naming the array, what is required and what came.
+        Naming the array, what is required and what was given.
 
     Examples
     --------

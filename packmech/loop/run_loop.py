@@ -80,7 +80,7 @@ def run_settings(
     Raises
     ------
     TypeError, ValueError
-        Naming the argument, what is required and what came.
+        Naming the argument, what is required and what was given.
 
     Examples
     --------

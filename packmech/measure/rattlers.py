@@ -1,7 +1,7 @@
 """Which particles rattle: what contacts, walls, links and friction leave free, and what is left without them.
 
 Single particles, and clusters of linked ones that move as a whole, are bodies of `packmech.contacts.rattlers`. Whether
-the particles of a cluster can move against each other, or turn, no count of contacts tells: links are rows that push
+the particles of a cluster can move against each other, or turn, no count of contacts says: links are rows that push
 and pull. What moves is then found by two questions on the rows of contacts and links, which rows push in some balance,
 and which particles a generic motion moves that changes none of these and no link. They are asked of one cluster after
 the other, its surroundings at rest (`find_rattlers`), or of the whole packing (`find_rattling_clusters`, section 12 of
@@ -49,7 +49,7 @@ _LOADED = 1e-10
 _REFINEMENTS = 4
 # overlaps that balance to this part of their mean are forces of such a balance
 _SHOWN = 1e-6
-# the program's unknowns come out as 0 or 1: a solution with one this near to one half tells nothing
+# the program's unknowns come out as 0 or 1: a solution with one this near to one half is inconclusive
 _SURE = 0.1
 _PROGRAM_TOLERANCE = 1e-9
 

@@ -190,7 +190,7 @@ def demodulate(
     Raises
     ------
     TypeError, ValueError
-        If an argument is wrong, or if too few samples count to tell waves, offset and slope apart.
+        If an argument is wrong, or if too few samples count to separate waves, offset and slope.
 
     Examples
     --------
@@ -252,7 +252,7 @@ def _fit(
     """Return coefficients, their standard errors, and what is left over."""
     if len(phase) <= _TERMS:
         raise ValueError(f"phase_t must hold more than {_TERMS} samples that count, got {len(phase)}")
-    # the slope is taken about the middle, so that it is told from the offset
+    # the slope is taken about the middle, so that it is independent of the offset
     middle = 0.5 * (phase[0] + phase[-1])
     matrix = _waves(phase)
     matrix[:, 5] -= middle
@@ -260,7 +260,7 @@ def _fit(
     found, _, rank, _ = np.linalg.lstsq(matrix / scale, stress, rcond=_DEPENDENT)
     if rank < _TERMS:
         raise ValueError(
-            f"phase_t must tell waves, offset and slope apart, got {len(phase)} samples over "
+            f"phase_t must separate waves, offset and slope, got {len(phase)} samples over "
             f"{(phase[-1] - phase[0]) / _TURN:.3g} periods"
         )
     left = stress - (matrix / scale) @ found

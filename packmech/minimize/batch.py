@@ -315,7 +315,7 @@ class QuenchBatch:
     def outcome(self, index: int) -> Outcome:
         """Return how the last relaxation of a packing ended; STEP_LIMIT while it goes on.
 
-        Outcome.UNSTABLE where forces balance on a saddle, which `relaxed_b` does not tell: the second derivative of the
+        Outcome.UNSTABLE where forces balance on a saddle, which `relaxed_b` does not show: the second derivative of the
         whole packing is factored where this is called.
 
         Parameters

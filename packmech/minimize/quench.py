@@ -87,7 +87,7 @@ def quench(
 
     With links in two dimensions, overlaps deeper than a quarter are relaxed first by steps that let no links pass
     through each other. From there on contacts keep them apart by themselves, unless links are longer than sqrt(2) times
-    the diameter or the packing is so dense that overlaps stay deep: `report` tells which links crossed all the same.
+    the diameter or the packing is so dense that overlaps stay deep: `report` names the links that crossed all the same.
     Rigid bodies whose beads overlap by more than a quarter are shrunk in place first and grown again little by little,
     so that none stay across each other; `report["deep_overlaps"]` counts the pairs that do all the same.
 

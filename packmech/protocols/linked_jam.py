@@ -303,7 +303,7 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
 def _descended(protocol: Protocol, reduced: Packing, pressure: float | None, stage: str) -> SoftState:
     """Return the packing, in reduced units, that Newton's method going down reaches at a pressure or at its volume.
 
-    Where it comes to no balance, overlaps are smoothed first.
+    Where it finds no balance, overlaps are smoothed first.
     """
     goal = None if pressure is None else protocol.reduced_pressure(pressure)
     watch = protocol.watcher(stage, reduced=True)

@@ -118,7 +118,7 @@ def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str,
     FileNotFoundError
         If there is no such file or shipped scene.
     TypeError, ValueError
-        Naming the field by its path, such as ``effects[0].law.kind``, what it must be, what came, and the file.
+        Naming the field by its path, such as ``effects[0].law.kind``, what it must be, what was given, and the file.
 
     Examples
     --------

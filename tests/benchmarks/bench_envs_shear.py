@@ -51,25 +51,25 @@ def best(call, count, clock=time.process_time, repeats=7):
 
 
 def program(scene, dt):
-    """Return the bare march under a steady shear, on its way."""
+    """Return the bare engine under a steady shear, running."""
     path = np.array([0.0, 1e9, 0.0, RATE * 1e9, RATE, RATE])
-    march = build_engine(
+    engine = build_engine(
         scene,
         dt=dt,
         velocity_nd=np.zeros((scene.packing.particles, 2)),
         profile=Driven(path),
         direction_dd=np.array([[0.0, 1.0], [0.0, 0.0]]),
     )
-    march.advance(100)
-    return march
+    engine.advance(100)
+    return engine
 
 
 def in_the_loop(scene, dt, every):
     """Return the CPU time of so many steps and one look, all in compiled loops, in microseconds."""
-    march, frames = program(scene, dt), 20_000 // every
+    engine, frames = program(scene, dt), 20_000 // every
 
     def run():
-        march.advance(frames * every, new_ledger(every, frames + 1))
+        engine.advance(frames * every, new_ledger(every, frames + 1))
 
     return best(run, 1) / frames
 
@@ -86,8 +86,8 @@ def single(effects, name):
         loop = in_the_loop(scene, env.dt, skip)
         called = best(lambda batch=batch, told=told: batch.advance(told), 2000)
         whole = best(lambda env=env, action=action: env.step(action), 2000)
-        march = program(scene, env.dt)
-        bare = best(lambda march=march, skip=skip: (march.advance(skip), march.observe()), 1000)
+        engine = program(scene, env.dt)
+        bare = best(lambda engine=engine, skip=skip: (engine.advance(skip), engine.observe()), 1000)
         print(
             f"{name:<14}{skip:>5}{loop:>12.1f}{called:>14.1f}{bare:>14.1f}{whole:>12.1f}"
             f"{whole - loop:>14.1f}{whole - called:>14.1f}"

@@ -45,7 +45,7 @@ def spheres():
 
 @cache
 def dimers():
-    """Rigid dimers that fly about: no march, but links held by RATTLE."""
+    """Rigid dimers that fly about: links held by RATTLE."""
     packing = pm.cluster_packing(12, shape=pm.Dimer(), dimension=2, packing_fraction=0.5, seed=3)
     scene = pm.Scene(packing, (pm.Repulsion(),))
     return scene, {"temperature": 0.5, "seed": 2, "dt": 0.05, "trace_every": 15}
@@ -98,12 +98,12 @@ class Homecomings:
         self.steps, self.exchanged = [], []
         usual = Engine.wrap
 
-        def noted(march):
-            before = march.change_dd.copy()
-            usual(march)
-            self.steps.append(march.steps)
-            if not np.array_equal(before, march.change_dd):
-                self.exchanged.append(march.steps)
+        def noted(engine):
+            before = engine.change_dd.copy()
+            usual(engine)
+            self.steps.append(engine.steps)
+            if not np.array_equal(before, engine.change_dd):
+                self.exchanged.append(engine.steps)
 
         monkeypatch.setattr(Engine, "wrap", noted)
 

@@ -39,14 +39,14 @@ def shaken(batch, frames, seed):
 def test_a_packing_in_a_batch_has_the_bits_of_the_packing_alone_on_any_number_of_threads(make):
     scenes = [make(seed) for seed in range(5)]
     rng = np.random.default_rng(0)
-    told = rng.uniform(-0.02, 0.02, (60, 5, 1))
+    rates = rng.uniform(-0.02, 0.02, (60, 5, 1))
     batches = {threads: pm.ShearBatch(scenes, control="rate", steps=3, threads=threads) for threads in (1, 2, 3)}
     alone = [pm.ShearBatch([scene], control="rate", steps=3, dt=batches[1].dt) for scene in scenes]
-    for k in range(len(told)):
+    for k in range(len(rates)):
         for batch in batches.values():
-            batch.advance(told[k])
+            batch.advance(rates[k])
         for b, one in enumerate(alone):
-            one.advance(told[k, b : b + 1])
+            one.advance(rates[k, b : b + 1])
     for batch in batches.values():
         for b, one in enumerate(alone):
             assert np.array_equal(batch.figure_bk[b], one.figure_bk[0])
@@ -56,13 +56,13 @@ def test_a_packing_in_a_batch_has_the_bits_of_the_packing_alone_on_any_number_of
 
 
 def test_a_packing_that_rests_while_others_move_goes_on_as_if_nothing_had_been():
-    told = np.random.default_rng(1).uniform(-0.02, 0.02, (20, 2, 1))
+    rates = np.random.default_rng(1).uniform(-0.02, 0.02, (20, 2, 1))
     busy, lazy = (pm.ShearBatch([plain(0), plain(1)], steps=2) for _ in range(2))
-    for one in told:
+    for one in rates:
         busy.advance(one)
-    for one in told:
+    for one in rates:
         lazy.advance(one, np.array([True, False]))
-    for one in told:
+    for one in rates:
         lazy.advance(one, np.array([False, True]))
     assert np.array_equal(busy.figure_bk, lazy.figure_bk)
 
@@ -78,8 +78,8 @@ def test_a_scripted_sine_has_the_moduli_of_oscillatory_shear(control, path):
     rows = [batch.figure_bk[0].copy()]
     for k in range(1, run.steps + 1):
         phase = omega * k * run.dt
-        told = [AMPLITUDE * math.sin(phase), AMPLITUDE * omega * math.cos(phase)]
-        batch.advance(np.array([told[: batch.controls]]))
+        rates = [AMPLITUDE * math.sin(phase), AMPLITUDE * omega * math.cos(phase)]
+        batch.advance(np.array([rates[: batch.controls]]))
         if k % every == 0:
             rows.append(batch.figure_bk[0].copy())
     figures = dict(zip(batch.names, np.array(rows).T, strict=True))

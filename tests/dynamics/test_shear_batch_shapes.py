@@ -24,14 +24,14 @@ def scene(seed, dimension=2, friction=True):
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_packing_in_a_batch_has_the_bits_of_the_packing_alone_on_any_number_of_threads(dimension):
     scenes = [scene(seed, dimension) for seed in range(3)]
-    told = np.random.default_rng(0).uniform(-0.02, 0.02, (30, 3, 1))
+    rates = np.random.default_rng(0).uniform(-0.02, 0.02, (30, 3, 1))
     batches = {threads: pm.ShearBatch(scenes, control="rate", steps=3, threads=threads) for threads in (1, 2)}
     alone = [pm.ShearBatch([one], control="rate", steps=3, dt=batches[1].dt) for one in scenes]
-    for k in range(len(told)):
+    for k in range(len(rates)):
         for batch in batches.values():
-            batch.advance(told[k])
+            batch.advance(rates[k])
         for b, one in enumerate(alone):
-            one.advance(told[k, b : b + 1])
+            one.advance(rates[k, b : b + 1])
     for batch in batches.values():
         for b, one in enumerate(alone):
             assert np.array_equal(batch.figure_bk[b], one.figure_bk[0])

@@ -1,4 +1,4 @@
-"""Facts about the contacts that a march tells of: they are those of its figures and of its forces."""
+"""Facts about the contacts of a time-stepped run: they are those of its figures and of its forces."""
 
 from functools import cache
 

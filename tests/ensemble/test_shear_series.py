@@ -147,9 +147,9 @@ def steps_taken(monkeypatch):
     """Return a list that gets the steps of every advance from now on."""
     taken, usual = [], Engine.advance
 
-    def advance(march, steps, ledger=None):
+    def advance(engine, steps, ledger=None):
         taken.append(steps)
-        return usual(march, steps, ledger)
+        return usual(engine, steps, ledger)
 
     monkeypatch.setattr(Engine, "advance", advance)
     return taken
@@ -163,11 +163,11 @@ def test_a_trial_of_a_series_goes_on_where_it_was(scene, tmp_path, monkeypatch):
     whole = pm.shear_series(lambda seed: scene, **given)
     steps = sum(taken)
 
-    def advance(march, due, ledger=None):
-        if march.steps > steps // 2:
+    def advance(engine, due, ledger=None):
+        if engine.steps > steps // 2:
             monkeypatch.setattr(Engine, "advance", usual)
             signal.raise_signal(signal.SIGINT)
-        return usual(march, due, ledger)
+        return usual(engine, due, ledger)
 
     monkeypatch.setattr(Engine, "advance", advance)
     with pytest.raises(KeyboardInterrupt):

@@ -81,7 +81,7 @@ def test_a_bad_stiffness_is_named(stiffness, error):
         shearable(scene_of("fifty-trimers-2d"), links="bonds", link_stiffness=stiffness)
 
 
-@pytest.mark.slow  # compiles a march of its own
+@pytest.mark.slow  # compiles an engine of its own
 def test_a_bonded_trimer_keeps_its_shape_when_it_is_sheared_slowly():
     start = pm.cluster_packing(8, pm.Trimer(angle=1.3), dimension=2, packing_fraction=0.3, seed=2)
     scene = bonds_for_links(pm.Scene(start, (pm.Repulsion(), pm.BackgroundDamping(0.5))), 100.0)

@@ -1,4 +1,4 @@
-"""Loops of a march count no references: what they do is what loops that count them do."""
+"""Loops of the engine count no references: what they do is what loops that count them do."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class SpringOfArrays(NamedTuple):
         return self.stiffness
 
 
-def a_march(law: object) -> Engine:
-    """Return a sheared march of thirty discs under a law."""
+def an_engine(law: object) -> Engine:
+    """Return a engine that shears thirty discs under a law."""
     packing = pm.random_packing(30, dimension=2, packing_fraction=0.9, seed=3)
     profile = Ramp(0.0, 0.01, 0.0, np.inf)
     still = np.zeros((30, 2))
@@ -47,7 +47,7 @@ def a_march(law: object) -> Engine:
 
 def test_law_that_makes_arrays_steps_as_one_that_makes_none() -> None:
     """A user's law may make arrays: the loops that count references take over."""
-    own, built_in = a_march(SpringOfArrays()), a_march(pm.LinearSpring())
+    own, built_in = an_engine(SpringOfArrays()), an_engine(pm.LinearSpring())
     for one in (own, built_in):
         one.advance(40)
     assert np.abs(own.positions() - built_in.positions()).max() == pytest.approx(0.0, abs=1e-12)
@@ -56,9 +56,9 @@ def test_law_that_makes_arrays_steps_as_one_that_makes_none() -> None:
 
 def test_figures_kept_on_the_way_are_those_seen_there() -> None:
     """A ledger's row holds what `observe` gives at its step."""
-    march, ledger = a_march(pm.LinearSpring()), new_ledger(10, 2)
-    march.advance(10, ledger)
-    seen, again = march.observe(), np.zeros(COLUMNS)
+    engine, ledger = an_engine(pm.LinearSpring()), new_ledger(10, 2)
+    engine.advance(10, ledger)
+    seen, again = engine.observe(), np.zeros(COLUMNS)
     assert ledger.row_tk[0] == pytest.approx(seen, abs=1e-13)
-    measure(march.system, march.time, march.now, again)
+    measure(engine.system, engine.time, engine.now, again)
     assert np.array_equal(seen, again)

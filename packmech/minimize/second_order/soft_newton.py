@@ -19,7 +19,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, Units
 from packmech.packing import Packing
@@ -129,7 +128,7 @@ def newton(
         regularization = 1e-10 * float(np.abs(network.second_c).mean())
         try:
             u_nd, strain_k, negative = network.direction(regularization)
-        except (np.linalg.LinAlgError, NotDefinite, RuntimeError, ValueError):
+        except (np.linalg.LinAlgError, RuntimeError, ValueError):
             break
         size = 1.0
         longest = float(np.abs(u_nd).max()) + float(np.abs(strain_k).max(initial=0.0))
@@ -315,7 +314,7 @@ def find_bottom(
     *,
     watch: Callable[[Packing], None] | None = None,
 ) -> SoftState:
-    """Return the packing that `descend` reaches; where it comes to no balance, that of `descend_smoothed`.
+    """Return the packing that `descend` reaches; where it finds no balance, that of `descend_smoothed`.
 
     A symmetric packing goes down to a saddle, where nothing pushes it off its symmetry: small displacements do.
 
@@ -365,7 +364,7 @@ def _negative(network: SoftNetwork, bound: float = 0.0) -> int:
     """Return the number of directions whose curvature is negative by more than the bound, and by more than rounding."""
     try:
         return network.direction(max(_TRACE * float(np.abs(network.second_c).mean()), bound))[2]
-    except (np.linalg.LinAlgError, NotDefinite):
+    except np.linalg.LinAlgError:
         return 1
 
 
@@ -377,7 +376,7 @@ def _go_down(
     iterations: int,
     watch: Callable[[Packing], None] | None,
 ) -> tuple[SoftNetwork, int, int]:
-    """Return the network where Newton's method going down comes to the goal or no further, iterations, evaluations."""
+    """Return the network where Newton's method going down reaches the goal or stops, iterations, evaluations."""
     regularization, used, evaluations = _TRACE, 0, 1
     travelled = 0.0
     while used < iterations and np.isfinite(network.merit) and network.merit > max(goal, rounding_floor(network)):
@@ -433,7 +432,7 @@ def _downhill(network: SoftNetwork, regularization: float) -> tuple[_NewtonStep,
     while regularization <= _LARGEST_REGULARIZATION and mean > 0.0:
         try:
             u_nd, strain_k, negative = network.direction(regularization * mean)
-        except (np.linalg.LinAlgError, NotDefinite):
+        except np.linalg.LinAlgError:
             negative = 1
         if negative == 0:
             slope = float((network.uphill_nd * u_nd).sum() + network.uphill_k @ strain_k)
