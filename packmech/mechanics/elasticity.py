@@ -24,8 +24,7 @@ from packmech.linalg.mandel import (
     trace_vector,
 )
 from packmech.measure.bonds import bonds_of
-from packmech.measure.contact_forces import force_residual
-from packmech.measure.stress import stress_tensor
+from packmech.measure.contact_forces import ContactForces, force_residual, resting_forces
 from packmech.mechanics.frictional import (
     acting_friction,
     check_frictional,
@@ -548,10 +547,9 @@ def elastic_moduli(
             system, relaxation = found.system, found.relaxation
             # without a set that agrees with its motion there is no answer at rest, as along a negative direction
             unsolved = int(relaxation.residual > _INCONSISTENT or not found.consistent)
-        residual = force_residual(scene)
-        virial = system.virial_of_springs if found is None else found.virial
-        _refuse_bearing_rattlers(scene, residual, virial)
-        return _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, residual, start)
+        whole = resting_forces(scene)
+        _refuse_bearing_rattlers(whole, system.virial_of_springs if found is None else found.virial)
+        return _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, whole.residual, start)
 
 
 def _at_limit(given: str | ArrayLike, dimension: int) -> str | NDArray[np.float64]:
@@ -605,13 +603,13 @@ def _rough_response(
     )
 
 
-def _refuse_bearing_rattlers(scene: Scene, residual: float, virial: float) -> None:
+def _refuse_bearing_rattlers(forces: ContactForces, virial: float) -> None:
     """Raise ValueError where the packing is at rest and rattlers that are left out bear a part of its pressure.
 
-    `virial` is the sum of du/dr r over the contacts and bonds that are kept.
+    Forces are those of all contacts, `virial` is the sum of du/dr r over the contacts and bonds that are kept.
     """
-    whole = float(np.trace(stress_tensor(scene, parts="contacts"))) * scene.packing.box.volume
-    if residual <= _AT_REST and abs(whole - virial) > _BORNE * abs(whole):
+    whole = float(np.trace(forces.contact_stress_dd)) * forces.scene.packing.box.volume
+    if forces.residual <= _AT_REST and abs(whole - virial) > _BORNE * abs(whole):
         raise ValueError(
             f"scene must have rattlers that bear no pressure, got rattlers that bear {1.0 - virial / whole:.2g} of it, "
             'as between their own images: rattlers="keep" takes their contacts along'
