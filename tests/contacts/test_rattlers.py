@@ -162,3 +162,14 @@ def test_relabelling_permutes_the_rattlers(seed):
     box = pm.Box.cubic(5.0, 2)
     before = pm.find_rattlers(pm.Packing(position, radius, box))
     assert np.array_equal(pm.find_rattlers(pm.Packing(position[order], radius[order], box)), before[order])
+
+
+@pytest.mark.parametrize("bound", [False, True])
+def test_walls_hold_a_cluster_as_a_whole_where_they_hold_none_of_its_discs(bound):
+    """Each of two discs touches two walls, which push it towards the other: only a link keeps both where they are."""
+    links = pm.Links([0], [1], [[0, 0]], [2.0**0.5]) if bound else None
+    packing = pm.Packing([[1.0, 1.0], [2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), links)
+    corners = (pm.Walls(0, low=0.51, high=2.49), pm.Walls(1, low=0.51, high=2.49))
+    assert pm.find_rattlers(packing, effects=corners).tolist() == [not bound] * 2
+    # two walls alone leave a cluster free to slide along them
+    assert pm.find_rattlers(packing, effects=corners[:1]).all()
