@@ -187,7 +187,7 @@ class Honors:
                 f"{type(shapes).__name__}: leave them out with packing.replace(shapes=None), or use "
                 f"{self.instead('shapes')}"
             )
-        if links is not None and self.answer("links") == REFUSED:
+        if links and self.answer("links") == REFUSED:
             raise ValueError(
                 f"{where} must have no links for pm.{self.call}, which would ignore them, got {len(links)}: leave them "
                 f"out with packing.replace(links=None), or use {self.instead('links')}"

@@ -120,7 +120,7 @@ class EpisodeRecorder:
         recorded, now = self.recorded.packing, self.packing()
         if not np.array_equal(recorded.radius_n, now.radius_n) or recorded.dimension != now.dimension:
             return False
-        bodies, links, others = recorded.bodies, recorded.rigid_links, now.rigid_links
+        bodies, links, others = recorded.bodies, recorded.links, now.links
         return (
             type(bodies) is type(now.bodies)
             and bodies.oriented(now.bodies.orientation_nq) == now.bodies

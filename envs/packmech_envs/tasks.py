@@ -173,11 +173,11 @@ def shearable(scene: pm.Scene, *, links: str = "refuse", link_stiffness: float |
 
     """
     one_of("links", links, LINKS)
-    if not len(scene.packing.rigid_links):
+    if not len(scene.packing.links):
         return scene
     if links == "refuse":
         raise ValueError(
-            f"scene must have no rigid links here, got {len(scene.packing.rigid_links)}; "
+            f"scene must have no rigid links here, got {len(scene.packing.links)}; "
             'links="bonds" makes each of them a stiff permanent bond'
         )
     return bonds_for_links(scene, link_stiffness)
@@ -209,7 +209,7 @@ def bonds_for_links(scene: pm.Scene, stiffness: float | None = None) -> pm.Scene
 
     """
     packing = scene.packing
-    links = packing.rigid_links
+    links = packing.links
     if not len(links):
         return scene
     if stiffness is None:

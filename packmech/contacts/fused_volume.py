@@ -41,7 +41,7 @@ def shared_volume(packing: Packing) -> float:
         The packing.
 
     """
-    links = packing.rigid_links
+    links = packing.links
     if not len(links):
         return 0.0
     position_nd, radius_n, lattice_dd = packing.position_nd, packing.radius_n, packing.box.lattice_dd

@@ -31,7 +31,7 @@ def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Can
     if packing.shapes is not None:
         return candidate_shapes(packing, scale, skin)
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
-    if packing.links is None:
+    if not packing.links:
         return pairs
     apart = ~Excluded(packing).mask(*pairs)
     return Candidates(*(part[apart] for part in pairs))

@@ -322,7 +322,7 @@ class Engine:
     def tensions(self) -> NDArray[np.float64]:
         """Return the (L,) tensions of the packing's links that `observe` measured [force]; none in redundant ones."""
         whole, own = self.scene.packing.links, self.row_links
-        if whole is None or own is None or self.rattle is None:
+        if own is None or self.rattle is None:
             return np.zeros(0)
         if self.link_l is None:
             i, j = self.order_n[own.i_l], self.order_n[own.j_l]
@@ -441,7 +441,7 @@ class Engine:
 
     def _link_rows(self) -> None:
         packing = self.scene.packing
-        if packing.links is None:
+        if not packing.links:
             return
         workable = workable_links(packing)
         wrap_nd = self.wrap_nd.astype(np.float64)
@@ -684,7 +684,7 @@ def build_engine(
     packing, d = scene.packing, scene.packing.dimension
     mass_n = packing.mass_n
     refuse_misfits(scene)
-    if direction_dd is not None and packing.links is not None:
+    if direction_dd is not None and packing.links:
         raise ValueError(
             "scene.packing must have no rigid links where the box deforms: they are held in a box at rest only, got "
             f"{len(packing.links)} links"

@@ -252,7 +252,7 @@ class Simulation(Run):
                 ("energy drift", f"{numbers['energy_drift']:.2g}", "of the largest |potential| + kinetic energy"),
                 ("momentum error", f"{numbers['momentum_error']:.1e}", "of the sum of m |v|"),
             ]
-        if self.packing.links is not None:
+        if self.packing.links:
             rows.append(("link error", f"{numbers['link_error']:.1e}", "largest, over the length of the link"))
         rows.append(("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"))
         for name, note in _STRESS_NOTES.items() if "stress" in numbers else ():
@@ -545,7 +545,7 @@ class SimulationTask:
         self.end = 0
         self.box: Box = scene.packing.box
         self.spin_nk: NDArray[np.float64] | None = None
-        self.tension_l = np.zeros(0 if scene.packing.links is None else len(scene.packing.links))
+        self.tension_l = np.zeros(len(scene.packing.links))
 
     def begin(self, velocity_nd: NDArray[np.float64]) -> None:
         """Start with (N, d) velocities."""

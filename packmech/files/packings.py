@@ -191,7 +191,7 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
     instance("packing", packing, Packing)
     target = target_file(path)
     ending = _ending(target)
-    links = packing.rigid_links
+    links = packing.links
     if len(links) and ending in _TEXT:
         raise ValueError(
             f"packing must have no links for {ending} files (only .npz and .gsd keep them), got {len(links)}"
@@ -393,8 +393,8 @@ def _arrays_of(packing: Packing) -> dict[str, Any]:
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
     }
-    if len(packing.rigid_links):
-        found |= {f"link_{name}": getattr(packing.rigid_links, name) for name in _LINK_ARRAYS}
+    if len(packing.links):
+        found |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
     if packing.given_mass_n is not None:
         found["mass_n"] = packing.given_mass_n
     springs = packing.tangential
@@ -513,8 +513,8 @@ def write_gsd(packing: Packing, path: Path) -> None:
     # chunks of the links stand last; the schema has no truth values
     for name in sorted(own, key=_is_of_links):
         frame.log[_LOG + name] = own[name].astype(np.uint8) if name == "link_shape_l" else own[name]
-    if len(packing.rigid_links):
-        _show_links(frame, packing.rigid_links)
+    if len(packing.links):
+        _show_links(frame, packing.links)
     with gsd.hoomd.open(str(path), "w") as file:
         file.append(frame)
 
@@ -909,7 +909,7 @@ def read_gsd(path: Path, frame: int | None = None) -> tuple[Packing, list[str]]:
     if "link_shape_l" in own:
         own["link_shape_l"] = own["link_shape_l"].astype(bool)
     exact = _packing_in(own)
-    if not (_agree(exact, seen) and _same_links(exact.rigid_links, found.constraints)):
+    if not (_agree(exact, seen) and _same_links(exact.links, found.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact, left_out
 

@@ -118,7 +118,7 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
     instance("packing", packing, Packing)
     if not isinstance(packing.bodies, Discs):
         raise ValueError(f"packing must be one of discs or spheres, got {type(packing.shapes).__name__}")
-    links = packing.rigid_links
+    links = packing.links
     position = packing.position_nd + image_offsets(links, packing.particles)[0] @ packing.box.lattice_dd.T
     if body_n is None:
         if not len(links):

@@ -164,7 +164,7 @@ def settle(
 
 def undecided(packing: Packing, answer: Answer) -> Answer:
     """Return the answer, ambiguous where a motion that links admit is blocked at second order, by the forces."""
-    if packing.links is None or answer.verdict != NOT_JAMMED:
+    if not packing.links or answer.verdict != NOT_JAMMED:
         return answer
     if answer.stable is None and answer.unjamming_motion is not None:
         return replace(answer, reason=f"{answer.reason}; to first order only: links may block it at second")
@@ -375,7 +375,7 @@ def classify_jamming(
         solver,
         strain,
         time.process_time() - start,
-        None if packing.links is None else packing.links.clusters(packing.particles),
+        packing.cluster_n if packing.links else None,
         bound if method == "loads" else None,
     )
 
@@ -395,7 +395,7 @@ def _local(judged: Judged, selection: ContactSelection, rest: RestCheck | None) 
 
 def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: BoxStrain, gap_tolerance: float) -> bool:
     """Return whether the Hessian is positive, in packings with links on the backbone as it was judged."""
-    if scene.packing.links is None:
+    if not scene.packing.links:
         return is_stable(scene, strain=strain, gap_tolerance=gap_tolerance)
     if rattling_n.all():
         return False

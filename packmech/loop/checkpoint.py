@@ -259,7 +259,7 @@ def scene_fingerprints(scene: Scene) -> dict[str, str]:
     """
     packing = scene.packing
     links = packing.links
-    named = () if links is None else (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l)
+    named = (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l) if links else ()
     masses = () if packing.given_mass_n is None else (packing.given_mass_n,)
     springs = packing.tangential
     tangential = () if springs is None else springs.arrays()

@@ -204,7 +204,7 @@ def _whole(scene: Scene) -> Network:
     """Return all particles with their contacts, but for those between held ones."""
     packing, effects = scene.packing, scene.effects
     network = contact_network(packing, effects, rattlers="keep")
-    links = packing.rigid_links
+    links = packing.links
     if len(links) and (links.i_l != links.j_l).all():
         # refuses links that hold to second order only, whose forces are not determined
         network = replace(network, links=ConstraintFactor(packing, workable_links(packing)))

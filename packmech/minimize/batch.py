@@ -14,7 +14,7 @@ from packmech.check import finite_array, instance, integer, one_of, positive, re
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
 from packmech.honors import declare
-from packmech.links import Links, image_offsets
+from packmech.links import image_offsets
 from packmech.measure.counting import packing_fraction
 from packmech.mechanics.stability import stability
 from packmech.minimize import batch_kernels as kernels
@@ -56,7 +56,7 @@ def bodies_of(program: Program) -> kernels.Bodies:
     links = program.space.links
     offset, rows = np.zeros((n, 3)), len(program.row)
     shapes = packing.shapes
-    if packing.links is None or links is None:
+    if links is None:
         cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)
         if shapes is not None:
             freedom += (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)[program.order_n]
@@ -234,7 +234,7 @@ class QuenchBatch:
                 f"packing must have {own.particles} particles in {own.dimension} dimensions, "
                 f"got {packing.particles} in {packing.dimension}"
             )
-        if (packing.links is None) != (own.links is None):
+        if bool(packing.links) != bool(own.links):
             raise ValueError(f"packing must have links just if the scene's has, got {packing.links!r:.60}")
         if type(packing.shapes) is not type(own.shapes):
             raise ValueError(
@@ -469,10 +469,8 @@ class QuenchBatch:
         old = self._programs[b]
         packing = self.packing(b)
         box, change = packing.box.reduced()
-        links = packing.links
-        if links is not None:
-            back = np.rint(np.linalg.inv(change)).astype(np.int64)
-            links = Links(links.i_l, links.j_l, links.image_ld @ back.T, links.length_l, links.shape_l)
+        back = np.rint(np.linalg.inv(change)).astype(np.int64)
+        links = packing.links.at_images(packing.links.image_ld @ back.T)
         program = build_program(self.scene.replace(packing=packing.replace(box=box, links=links).wrapped()))
         velocity, n = np.empty_like(old.velocity_nd), packing.particles
         velocity[old.order_r] = old.velocity_nd

@@ -266,7 +266,7 @@ class Program:
     def link_rows(self) -> None:
         """Compile the links again, for the lattice vectors that the loops use."""
         packing = self.scene.packing
-        if packing.links is not None:
+        if packing.links:
             _, links = compile_links(packing, workable_links(packing), self.order_n, self.wrap_nd, self.change_dd)
             self.space = self.space._replace(links=links)
 

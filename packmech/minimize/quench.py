@@ -425,8 +425,7 @@ class _Descent:
 
 def _displaced(packing: Packing, direction_nq: NDArray[np.float64]) -> Packing:
     """Return the packing after displacements and turns, its links at their lengths."""
-    moved = packing.moved(direction_nq)
-    return moved if packing.links is None else ConstraintFactor(packing, workable_links(packing)).projected(moved)
+    return ConstraintFactor(packing, workable_links(packing)).projected(packing.moved(direction_nq))
 
 
 def find_crossings(packing: Packing) -> set[tuple[int, ...]] | None:
@@ -451,7 +450,7 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
     """
     if isinstance(end.shapes, Beads):
         return {"deep_overlaps": deep_overlaps(end)}
-    if end.links is None or end.dimension != 2:
+    if not end.links or end.dimension != 2:
         return {}
     # the lists stand in one order, and images are those of the positions as they are in both
     before, after = find_crossings(start), find_crossings(end)

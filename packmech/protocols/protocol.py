@@ -379,7 +379,7 @@ def linked_count(packing: Packing, contacts: Contacts, strain: BoxStrain) -> dic
 
 def locked_links(packing: Packing) -> dict[str, Any]:
     """Return the pairs of links that cross, in two dimensions: they are locked, and press whatever the pressure is."""
-    if packing.links is None or packing.dimension != 2:
+    if not packing.links or packing.dimension != 2:
         return {}
     crossings = find_crossings(packing)
     return {"crossing_links": None if crossings is None else pairs_crossing(crossings)}
@@ -415,9 +415,7 @@ def finish(
     residual = 0.0
     # forces that are no more than rounding have no balance
     if first_c.any() and outcome is not Outcome.UNJAMMED:
-        net = sum_forces(contacts, -first_c)
-        if packing.links is not None:
-            net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(net)
+        net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(sum_forces(contacts, -first_c))
         residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
     report: dict[str, Any] = {
         "method": method,
@@ -426,9 +424,9 @@ def finish(
         "pressure": pressure / scene.pressure_unit,
         "pressure_asked": asked,
         **(
-            contact_count(contacts, len(protocol.basis_kdd))
-            if packing.links is None
-            else linked_count(packing, contacts, protocol.strain)
+            linked_count(packing, contacts, protocol.strain)
+            if packing.links
+            else contact_count(contacts, len(protocol.basis_kdd))
         ),
         "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
         "patches": (),
@@ -436,7 +434,7 @@ def finish(
         **protocol.report,
     }
     share, pressed = None, False
-    if packing.links is None:
+    if not packing.links:
         carried = report["contacts"] > 0
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0

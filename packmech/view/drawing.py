@@ -132,7 +132,7 @@ def pair_lines(
 
 def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
     """Return lines and tensions of the bonds, then those of the links that hold shapes."""
-    links = packing.rigid_links
+    links = packing.links
     tension_l = relative_tension(packing, contacts, effects)
     vector_ld = links.vectors(packing.position_nd, packing.box.lattice_dd)
     segments, link_s = pair_lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
@@ -143,7 +143,7 @@ def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tu
 
 def relative_tension(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
     """Return the (L,) forces of the links over the mean contact force, tension positive [1]; 0 without effects."""
-    links = packing.rigid_links
+    links = packing.links
     if len(links) and effects and len(contacts):
         first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
         mean = float(np.abs(first_c).mean())
@@ -239,7 +239,7 @@ def particle_colors(
     span = float(np.ptp(packing.radius_n))
     share_n = (packing.radius_n - packing.radius_n.min()) / span if span > 0 else np.ones_like(packing.radius_n)
     color_nc = between(SMALL, LARGE, share_n)
-    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.rigid_links, bonds_among(effects)
+    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_among(effects)
     joined = np.flatnonzero(np.diff(packing.bodies.start_n) > 1)
     color_nc[joined] = hues[np.arange(len(joined)) % len(hues)]
     if len(links):

@@ -326,7 +326,7 @@ class _Picture:
         return found
 
     def _links(self, contacts: Any, effects: tuple[Any, ...]) -> list[_Lines]:
-        links = self.packing.rigid_links
+        links = self.packing.links
         tension_l = drawing.relative_tension(self.packing, contacts, effects)
         unit, d = self.packing.reference_diameter, self.packing.dimension
         found = []

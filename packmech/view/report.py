@@ -331,7 +331,7 @@ def _counts_on_walls(scene: Scene) -> dict[str, Any]:
 
 def _links(packing: Packing, rattling_n: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the counts of the links, if there are any: all of them, and those that hold the backbone."""
-    links = packing.rigid_links
+    links = packing.links
     if not len(links):
         return {}
     within = ~rattling_n[links.i_l] & ~rattling_n[links.j_l] & ~ConstraintFactor(packing).dependent_l

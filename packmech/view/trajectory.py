@@ -344,8 +344,8 @@ def _in_images_of(start: Packing, packing: Packing) -> NDArray[np.float64]:
     """Return the positions moved by lattice vectors so that links have the images that they have in the start."""
     if start.links == packing.links:
         return packing.position_nd
-    now, _ = image_offsets(packing.rigid_links, packing.particles)
-    before, _ = image_offsets(start.rigid_links, start.particles)
+    now, _ = image_offsets(packing.links, packing.particles)
+    before, _ = image_offsets(start.links, start.particles)
     moved: NDArray[np.float64] = packing.position_nd + (now - before) @ packing.box.lattice_dd.T
     return moved
 
@@ -458,7 +458,7 @@ def draw_moving(frame: Frame, effects: Sequence[Any]) -> DrawnFrame:
         slides_s = touching.sliding_c[pair_s]
         sticking, sticking_force = segments[~slides_s], force_s[~slides_s]
         sliding, sliding_force = segments[slides_s], force_s[slides_s]
-    links = packing.rigid_links
+    links = packing.links
     line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
     shape_s = links.shape_l[link_s]
     drawn = replace(  # the forces of links are not kept

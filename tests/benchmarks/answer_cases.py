@@ -98,7 +98,7 @@ def of_packing(one: pm.Packing) -> Answer:
     found = {"position": one.position_nd, "lattice": one.box.lattice_dd, "packing fraction": pm.packing_fraction(one)}
     if one.shapes is not None:
         found["orientation"] = one.shapes.orientation_nq
-    if one.links is not None:
+    if one.links:
         found["link residual"] = one.link_error
     if one.tangential is not None:
         found["springs"] = len(one.tangential)
@@ -1201,7 +1201,7 @@ def measures_case(take: Take, scenes: str) -> Answer:
         ask(ends, "tension", pm.link_tension, scene)
         # of a packing that is shaken, forces are no rounding; lengths of links must hold to 0.01
         one = scene.packing
-        scale = 0.01 if one.links is None else 0.001
+        scale = 0.001 if one.links else 0.01
         shaken_nd = one.position_nd + scale * np.random.default_rng(3).standard_normal(one.position_nd.shape)
         shaken = scene.replace(packing=one.replace(position_nd=shaken_nd))
         for name, call in (("forces", pm.forces), ("torques", pm.torques), ("energy", pm.energy)):

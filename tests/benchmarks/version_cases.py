@@ -636,7 +636,7 @@ def packing_files(pm):
     with tempfile.TemporaryDirectory() as folder:
         for name, packing in packings.items():
             for ending in ("npz", "gsd", "txt"):
-                if packing.links is not None and ending == "txt":
+                if packing.links and ending == "txt":
                     continue
                 path = Path(folder) / f"{name}.{ending}"
                 law = pm.Hertz(energy_scale=3.0) if ending == "npz" else None

@@ -139,7 +139,7 @@ def test_moduli_are_those_of_a_small_strain_in_the_engine(name):
     matrix = pm.stiffness_matrix(scene).toarray()
     size = matrix.shape[0] - len(strain)
     stiffness, load = matrix[:size, :size], -matrix[:size, size:] @ strain
-    if packing.links is not None:
+    if packing.links:
         jacobian = pm.constraint_jacobian(packing, strain="free")
         jacobian = (jacobian.toarray() if hasattr(jacobian, "toarray") else np.asarray(jacobian)).T
         rows = np.zeros((len(packing.links), n, size // n))

@@ -146,7 +146,7 @@ def overlap_changes(scene, pressure, more, strain):
     free = np.eye(size)
     if strain == "isotropic":
         free = np.column_stack([free[:, : size - strains], np.r_[np.zeros(size - strains), trace]])
-    if packing.links is not None:
+    if packing.links:
         held = pm.constraint_jacobian(packing, strain="free").toarray().T @ free
         _, value, right = np.linalg.svd(held)
         rank = int((value > 1e-9 * value[0]).sum())
