@@ -15,7 +15,7 @@ from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.honors import LINK_TOLERANCE, STRAINED
 from packmech.links import Links, image_offsets
-from packmech.shapes import Beads, Bodies, Discs, Shapes, Spheroids
+from packmech.shapes import Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
@@ -99,8 +99,8 @@ class Packing:
     tangential
         Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
     shapes
-        `Spheroids` or rigid `Beads`, where particles are no discs or spheres; without links. Calls that know discs and
-        spheres only refuse them by name (`packmech effects` lists which).
+        `Spheroids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls that know discs and
+        spheres only refuse others by name (`packmech effects` lists which).
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class Packing:
     links: _Held[Links] = _Held()
     mass_n: _Masses = _Masses()
     tangential: TangentialDisplacements | None = None
-    shapes: Shapes | None = None
+    shapes: _Held[Shapes] = _Held()
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -146,22 +146,22 @@ class Packing:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         self._check_links(self.links)
-        if self.shapes is not None:
-            self._check_shapes(self.shapes)
+        self._check_shapes(self.shapes)
         if self.tangential is not None:
             self._check_tangential(self.tangential)
 
     def _check_shapes(self, shapes: Any) -> None:
-        if not isinstance(shapes, Beads | Discs):
+        if shapes is None:
+            shapes = Discs(self.particles, self.dimension)
+            object.__setattr__(self, "shapes", shapes)
+        if not isinstance(shapes, Shapes):
             instance("shapes", shapes, Spheroids)
         if (len(shapes), shapes.dimension) != self.position_nd.shape:
             raise ValueError(
                 f"shapes must be of as many particles and axes as position_nd, {self.position_nd.shape}, "
                 f"got {(len(shapes), shapes.dimension)}"
             )
-        if isinstance(shapes, Discs):
-            object.__setattr__(self, "shapes", None)
-        elif len(self.links):
+        if shapes.has_orientations and self.links:
             raise ValueError(f"shapes must be left out where a packing has links, got {type(shapes).__name__}")
 
     def _check_tangential(self, tangential: Any) -> None:
@@ -172,10 +172,10 @@ class Packing:
         if last >= self.particles:
             raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
         bead = tangential.bead_c2
-        if isinstance(self.shapes, Beads) != (bead is not None):
+        if self.shapes.has_beads != (bead is not None):
             raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {bead!r:.40}")
         if bead is not None:
-            beads = np.diff(self.bodies.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
+            beads = np.diff(self.shapes.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
             if (bead >= beads).any():
                 c = int((bead >= beads).any(axis=1).argmax())
                 raise ValueError(
@@ -252,7 +252,7 @@ class Packing:
         small, large = float(self.radius_n.min()), float(self.radius_n.max())
         links = len(self.links)
         held = [f"{links} rigid link{'' if links == 1 else 's'}" if links else ""]
-        held.append("" if isinstance(self.bodies, Discs) else type(self.bodies).__name__)
+        held.append(type(self.shapes).__name__ if self.shapes.has_orientations else "")
         held.append(f"{len(self.tangential)} tangential displacements" if self.tangential is not None else "")
         held.append("masses given" if self.given_mass_n is not None else "")
         radii = f"radius {small:.6g}" if small == large else f"radii {small:.6g} to {large:.6g}"
@@ -272,15 +272,10 @@ class Packing:
         """Number of Cartesian axes, 2 or 3."""
         return self.box.dimension
 
-    @functools.cached_property
-    def bodies(self) -> Bodies:
-        """The shapes of the particles: those that were given, else `Discs`."""
-        return Discs(self.particles, self.dimension) if self.shapes is None else self.shapes
-
     @property
     def plain(self) -> bool:
         """Whether particles are discs or spheres without links."""
-        return isinstance(self.bodies, Discs) and not self.links
+        return not (self.shapes.has_orientations or self.links)
 
     @property
     def diameter_n(self) -> NDArray[np.float64]:
@@ -307,6 +302,8 @@ class Packing:
         stand: a packing with other positions, radii, shapes or another box has none unless they are given, too.
         """
         kept: dict[str, Any] = {"mass_n": self.given_mass_n}
+        if not self.shapes.has_orientations:
+            kept["shapes"] = None  # discs of as many particles and axes as there are then
         if not {"position_nd", "radius_n", "box", "shapes"}.isdisjoint(changes):
             kept["tangential"] = None
             if "position_nd" in changes and (len(self.links) or self.tangential is not None):
@@ -352,7 +349,7 @@ class Packing:
 
         Of discs and spheres among other shapes they are zero: there are no such coordinates.
         """
-        return self.bodies.turn_basis(self.radius_n)
+        return self.shapes.turn_basis(self.radius_n)
 
     @property
     def cluster_n(self) -> NDArray[np.int64]:
@@ -378,7 +375,7 @@ class Packing:
         d = self.dimension
         position = self.position_nd + displacement_nq[:, :d]
         rotation = np.einsum("nk,nkt->nt", displacement_nq[:, d:], self.turn_nkt)
-        return self.replace(position_nd=position, shapes=self.bodies.turned(rotation))
+        return self.replace(position_nd=position, shapes=self.shapes.turned(rotation))
 
     @functools.cached_property
     def spin_nkk(self) -> NDArray[np.float64]:
@@ -386,7 +383,7 @@ class Packing:
 
         Angles times radii of gyration are lengths; k = 1 in a plane and 3 in space.
         """
-        return self.bodies.spin_basis(self.radius_n)
+        return self.shapes.spin_basis(self.radius_n)
 
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
         """Return the packing of some of the particles, by number or by (N,) truth, with links between them.
@@ -402,7 +399,7 @@ class Packing:
             self.links.numbered(number) if links is None else links,
             None if given is None else given[kept_n],
             None if self.tangential is None else self.tangential.numbered(number),
-            self.bodies.select(kept_n),  # type: ignore[arg-type]
+            self.shapes.select(kept_n),
         )
 
     def wrapped(self) -> Packing:

@@ -15,6 +15,7 @@ from packmech.contacts.excluded import Excluded
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
+from packmech.shapes import Discs
 
 # gaps that rounding of positions makes, in units of it
 _DIGITS = 8.0
@@ -157,6 +158,11 @@ class Contacts:
         share = np.divide(1.0, self.distance_c, out=np.zeros_like(self.distance_c), where=apart)
         across = np.eye(self.dimension) - self.normal_cd[:, :, None] * self.normal_cd[:, None, :]
         return np.asarray(share[:, None, None] * across)
+
+    @property
+    def shapes(self) -> Discs:
+        """Discs or spheres."""
+        return Discs(self.particles, self.dimension)
 
     @property
     def push_c(self) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Can
         What is added to each distance of contact [length].
 
     """
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         return candidate_shapes(packing, scale, skin)
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
     if not packing.links:
@@ -39,7 +39,9 @@ def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Can
 
 def measure_pairs(packing: Packing, pairs: Candidates, *, second: bool = False) -> Contacts | ShapeContacts:
     """Return the given pairs of sites, touching or not, as they are in a packing; with curvatures if `second`."""
-    return pair_contacts(packing, *pairs) if packing.shapes is None else shape_contacts(packing, pairs, second=second)
+    if packing.shapes.has_orientations:
+        return shape_contacts(packing, pairs, second=second)
+    return pair_contacts(packing, *pairs)
 
 
 def list_pairs(pairs: Pairs) -> Candidates:

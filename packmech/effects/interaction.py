@@ -241,7 +241,7 @@ def _alignments(
     (e_i . e_j) 1 - e_j e_i by both.
     """
     count, d, shapes = len(pairs), packing.dimension, packing.shapes
-    if shapes is None:
+    if not shapes.has_orientations:
         return np.ones(count), np.zeros((count, 0)), np.zeros((count, d, d))
     one, other = shapes.axis_nd[pairs.i_c], shapes.axis_nd[pairs.j_c]
     alignment = (one * other).sum(axis=1)

@@ -303,7 +303,7 @@ def classify_jamming(
     instance("packing", packing, Packing)
     no_tangential("packing", packing)
     no_own_images("packing", packing)
-    if packing.shapes is not None and not packing.shapes.turns_n.any():
+    if packing.shapes.has_orientations and not packing.shapes.turns_n.any():
         packing = packing.replace(shapes=None)
         scene = None if scene is None else scene.replace(packing=packing)
     one_of("method", method, METHODS)
@@ -318,7 +318,7 @@ def classify_jamming(
     integer("seed", seed, at_least=0)
     if method == "loads" and solver == "highs":
         bound = "box"
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         if contacts is not None:
             raise ValueError(f"contacts must be left out for {type(packing.shapes).__name__}, got {len(contacts)}")
         with single_thread():

@@ -352,8 +352,7 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
     `second` asks for the curvatures of their distances, too.
     """
     instance("scene", scene, Scene)
-    if scene.packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
+    refuse_unknown_to_shapes(scene)
     contacts = unbonded(touching_pairs(scene.packing, second=second), scene.effects)
     terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
     # 0 - u', so that a contact without a force has 0 and not -0
@@ -373,7 +372,7 @@ class SinglePush(NamedTuple):
 def single_push(scene: Scene) -> SinglePush:
     """Return the forces and torques of what acts on single particles: walls turn shapes, all else turns nothing."""
     packing, d = scene.packing, scene.packing.dimension
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         terms = single_terms(scene.effects, packing)
         return SinglePush(terms.force_nd, np.zeros((packing.particles, 1 if d == 2 else 3)), terms)
     shaped = shaped_terms(scene.effects, packing)

@@ -175,7 +175,7 @@ def stability_bound(stiffest: float, unbalanced: float, radius: float) -> float:
 def _unknown(scene: Scene) -> str:
     """Return why there is no second derivative, or nothing where there is one."""
     lacking = lacking_second(scene.effects)
-    if lacking and scene.packing.shapes is not None:
+    if lacking and scene.packing.shapes.has_orientations:
         # pairs are checked where an effect is registered
         return f"{type(lacking[0]).__qualname__} has no body_second"
     return ""

@@ -40,7 +40,6 @@ from packmech.observables import State, measure_added
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
-from packmech.shapes import Beads
 
 # the default route hands over to Newton's method here, where contacts no longer change
 _HAND_OVER = 1e-6
@@ -208,8 +207,7 @@ class _Descent:
         self.loop = RunLoop(settings)
         self.began = time.process_time()
         self.scene = scene
-        if scene.packing.shapes is not None:
-            refuse_unknown_to_shapes(scene)
+        refuse_unknown_to_shapes(scene)
         self.program = build_program(scene)
         self.build_seconds = time.process_time() - self.began
         self.step_limit = settings.step_limit
@@ -448,7 +446,7 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
 
     Links in two dimensions only.
     """
-    if isinstance(end.shapes, Beads):
+    if end.shapes.has_beads:
         return {"deep_overlaps": deep_overlaps(end)}
     if not end.links or end.dimension != 2:
         return {}
@@ -461,8 +459,8 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
 
 def orientations_of(packings: Sequence[Packing]) -> NDArray[np.float64] | None:
     """Return the (T, N, q) orientations of packings with shapes; None of others."""
-    found = [one.shapes.orientation_nq for one in packings if one.shapes is not None]
-    return np.array(found) if found else None
+    found = np.array([one.shapes.orientation_nq for one in packings])
+    return found if found.size else None
 
 
 class _TraceBuilder:

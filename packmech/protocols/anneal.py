@@ -138,7 +138,7 @@ def anneal_shape(
             wrong = goals[(goals <= 1.0) | (goals > beads)][0]
             raise ValueError(f"aspects must be above 1 and at most the number of beads, {beads}, got {wrong:g}")
     kind = Spheroids if beads is None else Beads
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         rng = generator_of(seed, rng)
     elif not isinstance(packing.shapes, kind):
         raise ValueError(
@@ -181,11 +181,9 @@ def kicked(packing: Packing, amplitude: float, rng: np.random.Generator) -> Pack
 
     """
     position = packing.position_nd + amplitude * rng.standard_normal(packing.position_nd.shape)
-    shapes = packing.shapes
-    if shapes is not None:
-        basis = shapes.turn_basis(packing.radius_n)
-        turns = amplitude * rng.standard_normal(basis.shape[:2])
-        shapes = shapes.turned((turns[:, :, None] * basis).sum(axis=1))
+    basis = packing.turn_nkt
+    turns = amplitude * rng.standard_normal(basis.shape[:2])
+    shapes = packing.shapes.turned((turns[:, :, None] * basis).sum(axis=1))
     return packing.replace(position_nd=position, shapes=shapes, tangential=None)
 
 

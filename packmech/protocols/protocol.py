@@ -45,7 +45,6 @@ from packmech.minimize.second_order.soft_newton import FLOORS, rounding_floor
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
-from packmech.shapes import Beads
 
 # largest net force over mean contact force of a packing that a protocol goes on from
 _BALANCED = 1e-3
@@ -108,8 +107,7 @@ class Protocol:
     """
 
     def __init__(self, scene: Scene, strain: BoxStrain, force_tolerance: float, loop: RunLoop) -> None:
-        if scene.packing.shapes is not None:
-            refuse_unknown_to_shapes(scene, single=False)
+        refuse_unknown_to_shapes(scene, single=False)
         # far from the cell rounding of positions is larger than the gaps that decide about contacts
         if scene.packing.rounding > _ROUNDING:
             scene = scene.replace(packing=scene.packing.wrapped())
@@ -405,7 +403,7 @@ def finish(
 
     """
     scene = protocol.scene.replace(packing=packing)
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         return _finish_shaped(protocol, scene, outcome, asked, method, began)
     contacts = find_contacts(packing)
     first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
@@ -516,7 +514,7 @@ def shaped_count(packing: Packing, strain: BoxStrain, network: Network | None = 
     """
     network = contact_network(packing, second=False) if network is None else network
     none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
-    if isinstance(packing.shapes, Beads):
+    if packing.shapes.has_beads:
         none["deep_overlaps"] = deep_overlaps(packing)
     if not len(network.contacts):
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}

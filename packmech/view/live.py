@@ -245,7 +245,7 @@ class _Writer:
             raise ValueError("packing must have the scene's radii, got others")
         if bool(len(packing.links)) != bool(len(mine.links)):
             raise ValueError(f"packing must have links as the scene has, got {packing.links!r:.40}")
-        if not same_but_turned(packing.bodies, mine.bodies):
+        if not same_but_turned(packing.shapes, mine.shapes):
             raise ValueError(f"packing must have shapes as the scene has, got {packing.shapes!r:.40}")
         return packing
 

@@ -210,10 +210,10 @@ class World:
             radii = None if width is None else width * packing.reference_diameter
             stream.log(f"world/{name}", kind.from_fields(radii=radii, colors=color), static=True)
         stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
-        kind = type(packing.bodies)
+        kind = type(packing.shapes)
         turning = TURNING[kind].values()
         # rows one after the other: columns of this kind are flat
-        staying: Any = {name: one.ravel() for name, one in packing.bodies.arrays().items() if name not in turning}
+        staying: Any = {name: one.ravel() for name, one in packing.shapes.arrays().items() if name not in turning}
         if staying:
             stream.log(f"state/{STAYING[kind]}", rr.AnyValues(**staying), static=True)
         if summary:
@@ -278,8 +278,8 @@ class World:
     def send_packings(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
         """Send particles, periodic copies, links and box of several frames, and their exact arrays."""
         self._send_particles(clock, packing_f, drawing_f)
-        for entity, name in TURNING[type(self.packing.bodies)].items():
-            self.send_state(clock, entity, name, [one.bodies.orientation_nq for one in packing_f])
+        for entity, name in TURNING[type(self.packing.shapes)].items():
+            self.send_state(clock, entity, name, [one.shapes.orientation_nq for one in packing_f])
         self.send_lines(clock, "box", [one.outline_ed for one in drawing_f])
         if len(self.packing.links):
             self._send_links(clock, packing_f, drawing_f)

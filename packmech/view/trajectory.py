@@ -252,7 +252,7 @@ def _frames_of(
             packing.replace(
                 position_nd=position_fnd[f],
                 box=packing.box if lattice_fdd is None else Box(lattice_fdd[f]),
-                shapes=packing.bodies if orientation_fnq is None else packing.bodies.oriented(orientation_fnq[f]),
+                shapes=packing.shapes if orientation_fnq is None else packing.shapes.oriented(orientation_fnq[f]),
             ),
             None if touching_f is None else touching_f[f],
             None if mark is None else mark[f],

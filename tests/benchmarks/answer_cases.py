@@ -96,7 +96,7 @@ def ask(found: Answer, name: str, call: Callable[..., Any], *given: Any, **setti
 def of_packing(one: pm.Packing) -> Answer:
     """Return where particles are."""
     found = {"position": one.position_nd, "lattice": one.box.lattice_dd, "packing fraction": pm.packing_fraction(one)}
-    if one.shapes is not None:
+    if one.shapes.has_orientations:
         found["orientation"] = one.shapes.orientation_nq
     if one.links:
         found["link residual"] = one.link_error
@@ -1172,7 +1172,7 @@ def counts_of(one: pm.Packing, strain: str) -> Answer:
 
 def rattlers_of(one: pm.Packing) -> Answer:
     """Return who rattles, the coordination and the contacts."""
-    shaped = one.shapes is not None
+    shaped = one.shapes.has_orientations
     contacts = (pm.find_shape_contacts if shaped else pm.find_contacts)(one)
     distance = contacts.distance_c
     found: Answer = {

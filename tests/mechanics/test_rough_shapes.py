@@ -30,7 +30,7 @@ def pushed(packing):
     rng = np.random.default_rng(9)
     n, d = packing.position_nd.shape
     position = packing.position_nd + 0.03 * rng.normal(size=(n, d))
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         return pm.reaffix_links(packing.replace(position_nd=position)).packing
     turned = packing.shapes.turned(0.1 * rng.normal(size=(n, 1 if d == 2 else 3)))
     return packing.replace(position_nd=position, shapes=turned)

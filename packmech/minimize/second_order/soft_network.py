@@ -19,7 +19,6 @@ from packmech.effects import contact_terms, held_particles, single_effects, sing
 from packmech.linalg.factor import factor_saddle, factorize
 from packmech.mechanics.assembly import assemble
 from packmech.packing import Packing
-from packmech.shapes import Beads
 
 # pairs are searched within this reach beyond contact, relative to it
 REACH = 0.05
@@ -231,10 +230,8 @@ class SoftNetwork:
     def search(self, packing: Packing) -> Candidates:
         """Return the pairs that touch or may soon."""
         shapes = packing.shapes
-        if not isinstance(shapes, Beads):
-            return search_pairs(packing, 1.0 + self.reach)
         # beads move by more than turns, measured in radii of gyration
-        arm = float((shapes.reach(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
+        arm = float((shapes.sweep(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
         return search_pairs(packing, 1.0 + self.reach, 2.0 * self.reach * arm)
 
     def near(self, packing: Packing) -> Any:
@@ -250,7 +247,7 @@ class SoftNetwork:
         """
         packing, near = self.packing, self.listed
         stretched = other.box.lattice_dd - packing.box.lattice_dd
-        if packing.shapes is None:
+        if not packing.shapes.has_orientations:
             moved = other.position_nd - packing.position_nd
             change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
             own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
@@ -445,7 +442,7 @@ class SoftNetwork:
         if self.volume is not None and strain.any():
             factor = (self.volume / box.volume) ** (1.0 / d)
             position, box = position * factor, box.scaled(factor)
-        shapes = packing.bodies.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
+        shapes = packing.shapes.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
         return self.links.projected(packing.replace(position_nd=position, box=box, shapes=shapes))
 
 
