@@ -48,6 +48,10 @@ class _Turned:
         """Return the arrays that the shapes are made of, by name."""
         return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
 
+    def turned_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the array that says how the particles are turned, by the name that files give it."""
+        return {"orientation_nq": self.orientation_nq}  # type: ignore[attr-defined]
+
     def _keep(self, **arrays: NDArray[Any]) -> None:
         for name, array in arrays.items():
             array.setflags(write=False)
@@ -88,6 +92,8 @@ class Discs:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that the shapes are made of: none."""
         return {}
+
+    turned_arrays = arrays
 
     @property
     def orientation_nq(self) -> NDArray[np.float64]:

@@ -122,6 +122,8 @@ class Excluded:
 
     def mask(self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], image_cd: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return (C,) which of the pairs i <= j count as no contacts."""
+        if not self._links:
+            return np.zeros(len(i_c), dtype=bool)
         out: NDArray[np.bool_] = _mask(
             i_c, j_c, image_cd, self._rigid, self._cluster, self._offset, self._code, self._links.image_ld
         )

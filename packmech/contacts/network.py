@@ -376,8 +376,7 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale)
     contacts = pair_contacts(packing, *pairs)
     touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
-    if packing.links:
-        touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
+    touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
     if gap_tolerance is None:
         touching = overlapping_or_all(packing, contacts.gap_c, contacts.contact_distance_c, touching)
     return contacts.select(touching)

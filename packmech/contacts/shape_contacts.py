@@ -192,7 +192,7 @@ class ShapeContacts:
         return np.where(np.abs(scaled).max(axis=1) < _SMALL, along, self.distance_c - start.distance_c)
 
 
-def candidate_shapes(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
+def candidate_sites(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
     """Return the pairs of sites that touch when shapes, or beads, are grown by scale and skin, and perhaps some more.
 
     Sites are particles, in whose surrounding discs or spheres their shapes are, or beads of different bodies.
@@ -289,7 +289,7 @@ def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, 
         raise ValueError("packing must have shapes, got one of discs or spheres: ask pm.find_contacts")
     instance("second", second, bool)
     tolerance = gap_limit(gap_tolerance)
-    pairs = candidate_shapes(packing, (1.0 + tolerance) * (1.0 + 1e-9))
+    pairs = candidate_sites(packing, (1.0 + tolerance) * (1.0 + 1e-9))
     near = shape_contacts(packing, pairs)
     touching = near.gap_c <= tolerance * near.contact_distance_c
     if gap_tolerance is None:

@@ -33,6 +33,11 @@ def deep_overlaps(packing: Packing) -> int:
     return len(np.unique(pairs, axis=0))
 
 
+def report_of_bodies(packing: Packing) -> dict[str, int]:
+    """Return the number of deep overlaps of rigid bodies, as runs report it; nothing of other particles."""
+    return {"deep_overlaps": deep_overlaps(packing)} if packing.shapes.has_beads else {}
+
+
 def separate(
     program: Program, packing: Packing, *, step_limit: int | None = None, look: Callable[[], None] | None = None
 ) -> tuple[Packing, int]:

@@ -29,7 +29,7 @@ from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.measure.bonds import bonds_of
 from packmech.mechanics.stability import Stability, stability
-from packmech.minimize.bodies_apart import deep_overlaps, separate
+from packmech.minimize.bodies_apart import report_of_bodies, separate
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.lbfgs import LBFGS
 from packmech.minimize.minimizers import check_minimizer
@@ -446,10 +446,8 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
 
     Links in two dimensions only.
     """
-    if end.shapes.has_beads:
-        return {"deep_overlaps": deep_overlaps(end)}
     if not end.links or end.dimension != 2:
-        return {}
+        return report_of_bodies(end)
     # the lists stand in one order, and images are those of the positions as they are in both
     before, after = find_crossings(start), find_crossings(end)
     if before is None or after is None:

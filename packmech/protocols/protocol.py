@@ -34,7 +34,7 @@ from packmech.measure.rattlers import find_rattling_clusters
 from packmech.measure.stress import stress_tensor, sum_forces
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.minimize.bodies_apart import deep_overlaps
+from packmech.minimize.bodies_apart import report_of_bodies
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxation
 from packmech.minimize.passes.kernels import Goal
@@ -514,8 +514,7 @@ def shaped_count(packing: Packing, strain: BoxStrain, network: Network | None = 
     """
     network = contact_network(packing, second=False) if network is None else network
     none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
-    if packing.shapes.has_beads:
-        none["deep_overlaps"] = deep_overlaps(packing)
+    none |= report_of_bodies(packing)
     if not len(network.contacts):
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
     states = states_of_self_stress(
