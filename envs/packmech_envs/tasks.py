@@ -168,12 +168,12 @@ def shearable(scene: pm.Scene, *, links: str = "refuse", link_stiffness: float |
     --------
     >>> trimers = scene_of("fifty-trimers-2d")
     >>> bonded = shearable(trimers, links="bonds")
-    >>> len(bonded.effects[-1]), len(trimers.packing.links), bonded.packing.links
-    (150, 150, None)
+    >>> len(bonded.effects[-1]), len(trimers.packing.links), len(bonded.packing.links)
+    (150, 150, 0)
 
     """
     one_of("links", links, LINKS)
-    if not len(scene.packing.links):
+    if not scene.packing.links:
         return scene
     if links == "refuse":
         raise ValueError(

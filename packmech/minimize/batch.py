@@ -232,7 +232,7 @@ class QuenchBatch:
                 f"got {packing.particles} in {packing.dimension}"
             )
         if bool(packing.links) != bool(own.links):
-            raise ValueError(f"packing must have links just if the scene's has, got {packing.links!r:.60}")
+            raise ValueError(f"packing must have links just if the scene's has, got {len(packing.links)}")
         if type(packing.shapes) is not type(own.shapes):
             raise ValueError(
                 f"packing must have shapes of the kind of the scene's, {type(own.shapes).__name__}, "
