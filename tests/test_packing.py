@@ -120,6 +120,7 @@ def test_discs_and_spheres_answer_what_other_shapes_do(d):
     assert packing.turn_nkt.shape[:2] == (12, 0) and not bodies.turns_n.any()
     for question in ("start_n", "particle_b"):
         assert np.array_equal(getattr(bodies, question), getattr(even, question))
+    assert not bodies.turned_arrays() and not len(bodies.long_axes()) and not len(bodies.coordinates(bodies, radius_n))
     assert bodies.turned(np.ones((12, 3))) == bodies.oriented(bodies.orientation_nq) == bodies
     assert packing.select(np.arange(12) < 5).shapes == bodies.select(np.arange(12) < 5) == bodies.select(np.arange(5))
 

@@ -517,13 +517,12 @@ class _HardWalk:
             return
         first, second = self.found.number(before), self.found.number(after)
         self._keep(change.before, first)
-        jumped = "downhill" if self.given.shapes.has_orientations else "interior point"
         jump = packing_fraction(change.after.packing) - packing_fraction(change.before.packing)
         self.found.changes.append(
             FamilyChange(
                 change.before.strain,
                 change.cause,
-                jumped if change.jumps else "exchange",
+                self.path.network.falls_by if change.jumps else "exchange",
                 first,
                 second,
                 tuple(sorted(after - before)),

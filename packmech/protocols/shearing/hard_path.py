@@ -164,6 +164,8 @@ class HardNetwork(abc.ABC):
     ----------
     ends
         Name of the cause of a change where the network is lost and no contact says why.
+    falls_by
+        Name of how the next network is found where the packing does not go on continuously.
     beyond, farther
         How far beyond a change in strain the next packing is looked for, and, where there is none, how far next.
     factorizations
@@ -172,6 +174,7 @@ class HardNetwork(abc.ABC):
     """
 
     ends: ClassVar[str]
+    falls_by: ClassVar[str]
     beyond: ClassVar[float]
     farther: ClassVar[tuple[float, ...]] = ()
 

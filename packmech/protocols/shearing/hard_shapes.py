@@ -127,7 +127,7 @@ class HardShapes(HardNetwork):
 
     """
 
-    ends = "instability"
+    ends, falls_by = "instability", "downhill"
     beyond = 2e-9
     farther = (1e-4, 1e-3)
 
