@@ -181,13 +181,13 @@ class Honors:
         packing = getattr(subject, "packing", subject)
         links, shapes = getattr(packing, "links", None), getattr(packing, "shapes", None)
         where = f"{name}.packing" if packing is not subject else name
-        if shapes is not None and self.answer("shapes") == REFUSED:
+        if getattr(shapes, "has_orientations", False) and self.answer("shapes") == REFUSED:
             raise ValueError(
                 f"{where} must be of discs or spheres for pm.{self.call}, which knows no other shapes, got "
                 f"{type(shapes).__name__}: leave them out with packing.replace(shapes=None), or use "
                 f"{self.instead('shapes')}"
             )
-        if links is not None and self.answer("links") == REFUSED:
+        if links and self.answer("links") == REFUSED:
             raise ValueError(
                 f"{where} must have no links for pm.{self.call}, which would ignore them, got {len(links)}: leave them "
                 f"out with packing.replace(links=None), or use {self.instead('links')}"

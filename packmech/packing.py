@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import math
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import Any, Generic, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +15,7 @@ from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
 from packmech.honors import LINK_TOLERANCE, STRAINED
 from packmech.links import Links, image_offsets
-from packmech.shapes import Beads, Bodies, Discs, Shapes, Spheroids
+from packmech.shapes import Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
 # more sizes than this are a continuous distribution, whose reference diameter is the mean
@@ -24,6 +24,7 @@ DISCRETE_SIZES = 10
 _COARSEST = 1e-6
 # positions that differ from others by whole lattice vectors and this, relative to the largest, are the same places [1]
 _SAME_PLACE = 16.0 * float(np.finfo(float).eps)
+T = TypeVar("T")
 # a link that does not hold is looked for at this many images along each lattice vector: those within its length
 _MOST_IMAGES = 4
 
@@ -57,6 +58,25 @@ class _Masses:
         packing.__dict__["given_mass_n"] = mass_n
 
 
+class _Held(Generic[T]):
+    """A field of a packing that may be given as None, and never is None after that."""
+
+    def __set_name__(self, owner: type[Packing], name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, packing: None, owner: type[Packing]) -> None: ...
+
+    @overload
+    def __get__(self, packing: Packing, owner: type[Packing]) -> T: ...
+
+    def __get__(self, packing: Packing | None, owner: type[Packing]) -> T | None:
+        return None if packing is None else packing.__dict__[self._name]
+
+    def __set__(self, packing: Packing, given: T | None) -> None:
+        packing.__dict__[self._name] = given
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Packing:
     """Discs (d = 2) or spheres (d = 3), or particles of other shapes, in a periodic box.
@@ -70,17 +90,17 @@ class Packing:
     box
         The periodic box.
     links
-        Rigid links between particles, if there are any. One that does not hold at its image, but at exactly one other,
-        joins particles that were wrapped, and gets that image. Where one holds at none, calls refuse the packing, and
-        `reaffix_links` brings the particles back.
+        Rigid links between particles; `Links` of length zero where they are left out or None. One that does not hold at
+        its image, but at exactly one other, joins particles that were wrapped, and gets that image. Where one holds at
+        none, calls refuse the packing, and `reaffix_links` brings the particles back.
     mass_n
         (N,) masses. Unless given those of density 1: a particle's area pi r^2, or its volume 4/3 pi r^3 in space, which
         follow the radii; masses that are given stay when radii change.
     tangential
         Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
     shapes
-        `Spheroids` or rigid `Beads`, where particles are no discs or spheres; without links. Calls that know discs and
-        spheres only refuse them by name (`packmech effects` lists which).
+        `Spheroids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls that know discs and
+        spheres only refuse others by name (`packmech effects` lists which).
 
     Attributes
     ----------
@@ -106,10 +126,10 @@ class Packing:
     position_nd: NDArray[np.float64]
     radius_n: NDArray[np.float64]
     box: Box
-    links: Links | None = None
+    links: _Held[Links] = _Held()
     mass_n: _Masses = _Masses()
     tangential: TangentialDisplacements | None = None
-    shapes: Shapes | None = None
+    shapes: _Held[Shapes] = _Held()
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -125,24 +145,23 @@ class Packing:
         for name, array in arrays.items():
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        if self.links is not None:
-            self._check_links(self.links)
-        if self.shapes is not None:
-            self._check_shapes(self.shapes)
+        self._check_links(self.links)
+        self._check_shapes(self.shapes)
         if self.tangential is not None:
             self._check_tangential(self.tangential)
 
     def _check_shapes(self, shapes: Any) -> None:
-        if not isinstance(shapes, Beads | Discs):
+        if shapes is None:
+            shapes = Discs(self.particles, self.dimension)
+            object.__setattr__(self, "shapes", shapes)
+        if not isinstance(shapes, Shapes):
             instance("shapes", shapes, Spheroids)
         if (len(shapes), shapes.dimension) != self.position_nd.shape:
             raise ValueError(
                 f"shapes must be of as many particles and axes as position_nd, {self.position_nd.shape}, "
                 f"got {(len(shapes), shapes.dimension)}"
             )
-        if isinstance(shapes, Discs):
-            object.__setattr__(self, "shapes", None)
-        elif self.links is not None:
+        if shapes.has_orientations and self.links:
             raise ValueError(f"shapes must be left out where a packing has links, got {type(shapes).__name__}")
 
     def _check_tangential(self, tangential: Any) -> None:
@@ -153,10 +172,10 @@ class Packing:
         if last >= self.particles:
             raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
         bead = tangential.bead_c2
-        if isinstance(self.shapes, Beads) != (bead is not None):
+        if self.shapes.has_beads != (bead is not None):
             raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {bead!r:.40}")
         if bead is not None:
-            beads = np.diff(self.bodies.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
+            beads = np.diff(self.shapes.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
             if (bead >= beads).any():
                 c = int((bead >= beads).any(axis=1).argmax())
                 raise ValueError(
@@ -164,9 +183,10 @@ class Packing:
                 )
 
     def _check_links(self, links: Any) -> None:
-        instance("links", links, Links)
-        if not len(links):
-            object.__setattr__(self, "links", None)
+        if links is not None:
+            instance("links", links, Links)
+        if not links:
+            object.__setattr__(self, "links", Links.none(self.dimension))
             return
         if links.dimension != self.dimension:
             raise ValueError(f"links must have images of {self.dimension} components, got {links.dimension}")
@@ -177,7 +197,7 @@ class Packing:
             held = self._at_images_that_hold(links)
             if held is not links:
                 object.__setattr__(self, "links", held)
-                del self.__dict__["_link_error_l"], self.__dict__["rigid_links"]
+                del self.__dict__["_link_error_l"]
 
     def _at_images_that_hold(self, links: Links) -> Links:
         """Return the links, those that hold at exactly one other image there: their ends were wrapped."""
@@ -230,9 +250,9 @@ class Packing:
 
     def __repr__(self) -> str:
         small, large = float(self.radius_n.min()), float(self.radius_n.max())
-        links = len(self.rigid_links)
+        links = len(self.links)
         held = [f"{links} rigid link{'' if links == 1 else 's'}" if links else ""]
-        held.append("" if isinstance(self.bodies, Discs) else type(self.bodies).__name__)
+        held.append(type(self.shapes).__name__ if self.shapes.has_orientations else "")
         held.append(f"{len(self.tangential)} tangential displacements" if self.tangential is not None else "")
         held.append("masses given" if self.given_mass_n is not None else "")
         radii = f"radius {small:.6g}" if small == large else f"radii {small:.6g} to {large:.6g}"
@@ -252,20 +272,10 @@ class Packing:
         """Number of Cartesian axes, 2 or 3."""
         return self.box.dimension
 
-    @functools.cached_property
-    def bodies(self) -> Bodies:
-        """The shapes of the particles: those that were given, else `Discs`."""
-        return Discs(self.particles, self.dimension) if self.shapes is None else self.shapes
-
-    @functools.cached_property
-    def rigid_links(self) -> Links:
-        """The links, of length zero where there are none."""
-        return Links.none(self.dimension) if self.links is None else self.links
-
     @property
     def plain(self) -> bool:
         """Whether particles are discs or spheres without links."""
-        return isinstance(self.bodies, Discs) and not len(self.rigid_links)
+        return not (self.shapes.has_orientations or self.links)
 
     @property
     def diameter_n(self) -> NDArray[np.float64]:
@@ -292,9 +302,11 @@ class Packing:
         stand: a packing with other positions, radii, shapes or another box has none unless they are given, too.
         """
         kept: dict[str, Any] = {"mass_n": self.given_mass_n}
+        if not self.shapes.has_orientations:
+            kept["shapes"] = None  # discs of as many particles and axes as there are then
         if not {"position_nd", "radius_n", "box", "shapes"}.isdisjoint(changes):
             kept["tangential"] = None
-            if "position_nd" in changes and (len(self.rigid_links) or self.tangential is not None):
+            if "position_nd" in changes and (len(self.links) or self.tangential is not None):
                 kept |= self._continued(changes)
         return dataclasses.replace(self, **(kept | changes))
 
@@ -316,7 +328,7 @@ class Packing:
             size = max(float(np.abs(one).max()) for one in (position, self.position_nd, box.lattice_dd))
             if np.abs(apart).max() <= _SAME_PLACE * size:
                 found["tangential"] = self.tangential.moved(-image)
-        links = self.rigid_links
+        links = self.links
         if len(links) and image.any():
             both = (links, links.moved(-image))
             here, there = (
@@ -337,12 +349,12 @@ class Packing:
 
         Of discs and spheres among other shapes they are zero: there are no such coordinates.
         """
-        return self.bodies.turn_basis(self.radius_n)
+        return self.shapes.turn_basis(self.radius_n)
 
     @property
     def cluster_n(self) -> NDArray[np.int64]:
         """The (N,) number of the cluster of linked particles of each; a particle without links is one of its own."""
-        return self.rigid_links.clusters(self.particles)
+        return self.links.clusters(self.particles)
 
     @property
     def unwrapping_nd(self) -> NDArray[np.int64]:
@@ -356,14 +368,14 @@ class Packing:
 
     @functools.cached_property
     def _unwrapped(self) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        return image_offsets(self.rigid_links, self.particles)
+        return image_offsets(self.links, self.particles)
 
     def moved(self, displacement_nq: NDArray[np.float64]) -> Packing:
         """Return the packing after (N, d + K) displacements, turns measured in lengths last."""
         d = self.dimension
         position = self.position_nd + displacement_nq[:, :d]
         rotation = np.einsum("nk,nkt->nt", displacement_nq[:, d:], self.turn_nkt)
-        return self.replace(position_nd=position, shapes=self.bodies.turned(rotation))
+        return self.replace(position_nd=position, shapes=self.shapes.turned(rotation))
 
     @functools.cached_property
     def spin_nkk(self) -> NDArray[np.float64]:
@@ -371,7 +383,7 @@ class Packing:
 
         Angles times radii of gyration are lengths; k = 1 in a plane and 3 in space.
         """
-        return self.bodies.spin_basis(self.radius_n)
+        return self.shapes.spin_basis(self.radius_n)
 
     def select(self, kept_n: NDArray[Any], links: Links | None = None) -> Packing:
         """Return the packing of some of the particles, by number or by (N,) truth, with links between them.
@@ -384,16 +396,16 @@ class Packing:
             self.position_nd[kept_n],
             self.radius_n[kept_n],
             self.box,
-            self.rigid_links.numbered(number) if links is None else links,
+            self.links.numbered(number) if links is None else links,
             None if given is None else given[kept_n],
             None if self.tangential is None else self.tangential.numbered(number),
-            self.bodies.select(kept_n),  # type: ignore[arg-type]
+            self.shapes.select(kept_n),
         )
 
     def wrapped(self) -> Packing:
         """Return the same packing with every center inside the cell."""
         position, image = self.box.wrap(self.position_nd)
-        links = self.rigid_links.moved(image)
+        links = self.links.moved(image)
         tangential = None if self.tangential is None else self.tangential.moved(image)
         return self.replace(position_nd=position, links=links, tangential=tangential)
 
@@ -405,7 +417,7 @@ class Packing:
     @functools.cached_property
     def _link_error_l(self) -> NDArray[np.float64]:
         """The (L,) errors of the links' lengths, over the larger of these and the mean diameter [1]."""
-        links = self.rigid_links
+        links = self.links
         vector, length = links.vectors(self.position_nd, self.box.lattice_dd), links.length_l
         error = np.abs(np.sqrt((vector**2).sum(axis=1)) - length)
         return np.asarray(error / np.maximum(length, self.diameter_n.mean()))
@@ -421,7 +433,7 @@ class Packing:
         """
         if self.link_error <= tolerance:
             return
-        links, worst = self.rigid_links, int(self._link_error_l.argmax())
+        links, worst = self.links, int(self._link_error_l.argmax())
         distance = float(np.sqrt((links.vectors(self.position_nd, self.box.lattice_dd)[worst] ** 2).sum()))
         raise ValueError(
             f"{name} must have links at their lengths to {tolerance:g} for pm.{call}, got particles "
@@ -510,7 +522,7 @@ def no_own_images(name: str, packing: Packing) -> None:
         Naming the argument and the particle.
 
     """
-    links = packing.rigid_links
+    links = packing.links
     if (links.i_l == links.j_l).any():
         particle = int(links.i_l[links.i_l == links.j_l][0])
         raise ValueError(

@@ -194,7 +194,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def particles_in_words(packing: Packing) -> str:
     """Return how many discs or spheres, ellipses or spheroids, or rigid bodies there are, in words."""
-    one, many = packing.bodies.names
+    one, many = packing.shapes.names
     return f"{packing.particles} {one if packing.particles == 1 else many}"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,8 @@ from packmech.check import finite_array, integer_array, positive_array
 _UNIT = 4.0 * float(np.finfo(float).eps)
 # beads nearer to an axis than this, relative to the particle's radius, lie on it
 _ON_AXIS = 1e-9
+# moments of the beads about two axes nearer than this, relative to the larger, leave the long axis open
+_ROUND = 1e-9
 
 
 def _unit(name: str, given_nk: NDArray[np.float64], kind: str) -> NDArray[np.float64]:
@@ -31,6 +33,9 @@ def _unit(name: str, given_nk: NDArray[np.float64], kind: str) -> NDArray[np.flo
 class _Turned:
     """Shapes with orientations, equal where all their arrays are."""
 
+    has_orientations: ClassVar[bool] = True
+    has_beads: ClassVar[bool] = False
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, type(self)) and all(
             np.array_equal(one, other.arrays()[name]) for name, one in self.arrays().items()
@@ -43,6 +48,10 @@ class _Turned:
         """Return the arrays that the shapes are made of, by name."""
         return {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
 
+    def turned_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the array that says how the particles are turned, by the name that files give it."""
+        return {"orientation_nq": self.orientation_nq}  # type: ignore[attr-defined]
+
     def _keep(self, **arrays: NDArray[Any]) -> None:
         for name, array in arrays.items():
             array.setflags(write=False)
@@ -51,7 +60,7 @@ class _Turned:
 
 @dataclass(frozen=True)
 class Discs:
-    """Discs (d = 2) or spheres (d = 3), which have no orientations: the shapes of a packing that was given none.
+    """Discs (d = 2) or spheres (d = 3), which have no orientations: the shapes of a packing that is given none.
 
     They answer what other shapes do: no coordinates of turns (K = 0), one site each. The sites are what particles are
     made of: beads, or the particles themselves.
@@ -68,6 +77,10 @@ class Discs:
     count: int
     dimension: int
 
+    # whether particles turn without friction, and whether each is a body of beads
+    has_orientations: ClassVar[bool] = False
+    has_beads: ClassVar[bool] = False
+
     def __len__(self) -> int:
         return self.count
 
@@ -79,6 +92,8 @@ class Discs:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that the shapes are made of: none."""
         return {}
+
+    turned_arrays = arrays
 
     @property
     def orientation_nq(self) -> NDArray[np.float64]:
@@ -109,6 +124,12 @@ class Discs:
         """Some (B, d) directions, since no axis differs from the others."""
         return _any_axis(self.count, self.dimension)
 
+    axis_nd = axis_bd
+
+    def site_radius(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the radii: sites are the particles [length]."""
+        return np.asarray(radius_n)
+
     def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the radii twice, for the (B,) semi-axes along some direction and across it [length]."""
         return np.asarray(radius_n), np.asarray(radius_n)
@@ -120,6 +141,10 @@ class Discs:
     def reach(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) radii [length]."""
         return np.asarray(radius_n)
+
+    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N,) zeros: turns move nothing beyond the discs or spheres [length]."""
+        return np.zeros(self.count)
 
     def gyration(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N,) radii of gyration, the square root of inertia over mass about an axis [length]."""
@@ -147,12 +172,16 @@ class Discs:
         return np.zeros((self.count, 1 if self.dimension == 2 else 3))
 
     def coordinates(self, now: Any, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N, d) zeros: no lengths say how the shapes are turned."""
-        return np.zeros((self.count, self.dimension))
+        """Return a (0, d) array: no lengths say how the shapes are turned."""
+        return np.zeros((0, self.dimension))
 
     def at_coordinates(self, coordinate_nd: NDArray[np.float64], radius_n: Any) -> Discs:
         """Return these shapes."""
         return self
+
+    def long_axes(self) -> NDArray[np.float64]:
+        """Return a (0, d) array: no particle has a long axis."""
+        return np.zeros((0, self.dimension))
 
     def select(self, kept_n: NDArray[Any]) -> Discs:
         """Return the shapes of some of the particles."""
@@ -248,6 +277,10 @@ class Spheroids(_Turned):
         """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
         return np.zeros_like(self.director_nd)
 
+    def site_radius(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the radii: sites are the particles [length]."""
+        return np.asarray(radius_n)
+
     def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (N,) semi-axes along the directors and across them, for particles of these radii [length]."""
         across = np.asarray(radius_n) / self.aspect_n ** (1.0 / self.dimension)
@@ -256,6 +289,10 @@ class Spheroids(_Turned):
     def reach(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) radii of the discs or spheres about the centers that just hold the particles [length]."""
         return np.maximum(*self.semi_axes(radius_n))
+
+    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N,) zeros: particles turn within the discs or spheres that hold them [length]."""
+        return np.zeros(len(self))
 
     def gyration(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N,) radii of gyration, the square root of inertia over mass about a center across the axis [length].
@@ -337,6 +374,10 @@ class Spheroids(_Turned):
         """Return the shapes turned as such lengths say."""
         return Spheroids(self.aspect_n, coordinate_nd)
 
+    def long_axes(self) -> NDArray[np.float64]:
+        """Return the (N', d) directors of the particles that have one."""
+        return self.director_nd[self.turns_n]
+
     def select(self, kept_n: NDArray[Any]) -> Spheroids:
         """Return the shapes of some of the particles."""
         return Spheroids(self.aspect_n[kept_n], self.director_nd[kept_n])
@@ -379,6 +420,8 @@ class Beads(_Turned):
     ([[0.5, 0.0]], 0.5, 2)
 
     """
+
+    has_beads: ClassVar[bool] = True
 
     start_n: NDArray[np.int64]
     offset_bd: NDArray[np.float64]
@@ -451,6 +494,10 @@ class Beads(_Turned):
         far = np.sqrt((self.offset_bd**2).sum(axis=1)) + self.size_b
         return np.asarray(np.maximum.reduceat(far, self.start_n[:-1]) * radius_n)
 
+    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N,) distances from the centers within which beads go round as the bodies turn [length]."""
+        return self.reach(radius_n)
+
     def gyration(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N,) radii of gyration, the mean square of those about the axes in space [length]."""
         return np.asarray(np.sqrt((self.gyration_nk**2).mean(axis=1)) * radius_n)
@@ -498,10 +545,10 @@ class Beads(_Turned):
 
     def semi_axes(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the radii of the beads twice, for the (B,) semi-axes along some direction and across it [length]."""
-        radius_b = self.bead_radius(radius_n)
+        radius_b = self.site_radius(radius_n)
         return radius_b, radius_b
 
-    def bead_radius(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+    def site_radius(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (B,) radii of the beads [length]."""
         return np.asarray(self.size_b * radius_n[self.particle_b])
 
@@ -562,6 +609,25 @@ class Beads(_Turned):
         rotations = 1 if self.dimension == 2 else 3
         return self.turned(coordinate_nd[:, :rotations] / self.gyration(radius_n)[:, None])
 
+    def long_axes(self) -> NDArray[np.float64]:
+        """Return the (N', d) axes of greatest extent of the bodies of more than one bead.
+
+        Raises
+        ------
+        ValueError
+            Naming a particle that has no such axis.
+
+        """
+        weight = self.size_b**self.dimension
+        spread = weight[:, None, None] * self.offset_bd[:, :, None] * self.offset_bd[:, None, :]
+        moment = np.add.reduceat(spread, self.start_n[:-1], axis=0)[self.turns_n]
+        value, vector = np.linalg.eigh(moment)
+        if (value[:, -1] - value[:, -2] <= _ROUND * value[:, -1]).any():
+            n = int(np.flatnonzero(self.turns_n)[np.argmin(value[:, -1] - value[:, -2])])
+            raise ValueError(f"packing.shapes must have one long axis each, got none for particle {n}")
+        frames = self.frames()[self.turns_n]
+        return np.asarray((frames * vector[:, None, :, -1]).sum(axis=2))
+
     def select(self, kept_n: NDArray[Any]) -> Beads:
         """Return the shapes of some of the particles."""
         kept = np.arange(len(self))[kept_n]
@@ -585,12 +651,10 @@ def _quaternion_product(one_nq: NDArray[np.float64], other_nq: NDArray[np.float6
     return np.hstack([real, a * v + b * u + np.cross(u, v)])
 
 
-# what a packing may be given, and what its particles are in any case
-Shapes = Spheroids | Beads
-Bodies = Discs | Shapes
+Shapes = Discs | Spheroids | Beads
 
 
-def same_but_turned(one: Bodies, other: Bodies) -> bool:
+def same_but_turned(one: Shapes, other: Shapes) -> bool:
     """Return whether two shapes differ by how they are turned only."""
     if type(one) is not type(other) or len(one) != len(other):
         return False

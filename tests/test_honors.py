@@ -234,7 +234,7 @@ def test_what_calls_at_rest_refuse_in_one_scene_is_declared():
         "hessian": lambda scene: pm.hessian(scene, "none"),
         "jam": lambda scene: pm.jam(scene, pressure=1e-4),
         "perturbation_energy": lambda scene: pm.perturbation_energy(
-            scene, np.ones((9, 2 if scene.packing.shapes is None else 3))
+            scene, np.ones((9, 3 if scene.packing.shapes.has_orientations else 2))
         ),
     }
     for name in RESTING:

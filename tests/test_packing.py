@@ -112,24 +112,28 @@ def test_a_packing_says_what_it_is_in_one_line():
 @pytest.mark.parametrize("d", [2, 3])
 def test_discs_and_spheres_answer_what_other_shapes_do(d):
     packing = pm.random_packing(12, dimension=d, packing_fraction=0.3, seed=4)
-    bodies, radius_n = packing.bodies, packing.radius_n
+    bodies, radius_n = packing.shapes, packing.radius_n
     even = pm.Spheroids(np.ones(12), np.eye(d)[[0] * 12])
-    assert packing.shapes is None and (len(bodies), bodies.dimension) == (12, d)
-    for question in ("reach", "gyration", "stiffening"):
+    assert not bodies.has_orientations and (len(bodies), bodies.dimension) == (12, d)
+    for question in ("reach", "gyration", "stiffening", "site_radius", "sweep"):
         assert np.allclose(getattr(bodies, question)(radius_n), getattr(even, question)(radius_n), rtol=1e-14)
     assert packing.turn_nkt.shape[:2] == (12, 0) and not bodies.turns_n.any()
     for question in ("start_n", "particle_b"):
         assert np.array_equal(getattr(bodies, question), getattr(even, question))
+    assert not bodies.turned_arrays() and not len(bodies.long_axes()) and not len(bodies.coordinates(bodies, radius_n))
     assert bodies.turned(np.ones((12, 3))) == bodies.oriented(bodies.orientation_nq) == bodies
-    assert packing.select(np.arange(12) < 5).bodies == bodies.select(np.arange(12) < 5) == bodies.select(np.arange(5))
+    assert packing.select(np.arange(12) < 5).shapes == bodies.select(np.arange(12) < 5) == bodies.select(np.arange(5))
 
 
 def test_a_packing_without_shapes_or_links_is_the_same_with_discs_and_no_links():
     packing = pm.random_packing(12, dimension=2, packing_fraction=0.3, seed=4)
-    links = packing.rigid_links
-    assert packing.links is None and len(links) == 0 and links.vectors(packing.position_nd, np.eye(2)).shape == (0, 2)
-    again = packing.replace(shapes=packing.bodies, links=links)
-    assert again == packing and again.plain and again.links is again.shapes is None
+    links = packing.links
+    assert not links and links.vectors(packing.position_nd, np.eye(2)).shape == (0, 2)
+    again = packing.replace(shapes=packing.shapes, links=links)
+    assert again == packing and again.plain and again.links is links and again.shapes == packing.shapes
     assert links.clusters(12).tolist() == list(range(12)) and packing.link_error == 0.0
     with pytest.raises(ValueError, match="shapes must be of as many particles"):
-        packing.replace(shapes=packing.bodies.select(np.arange(3)))
+        packing.replace(shapes=packing.shapes.select(np.arange(3)))
+    box = pm.Box.cubic(9.0, 3)
+    other = packing.replace(position_nd=np.eye(3), radius_n=[0.1] * 3, box=box)
+    assert (len(other.shapes), other.shapes.dimension, other.links.dimension) == (3, 3, 3)

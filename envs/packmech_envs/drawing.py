@@ -31,7 +31,7 @@ def contacts_of(packing: pm.Packing) -> pm.Contacts | pm.ShapeContacts:
     12
 
     """
-    return pm.find_contacts(packing) if packing.shapes is None else pm.find_shape_contacts(packing)
+    return (pm.find_shape_contacts if packing.shapes.has_orientations else pm.find_contacts)(packing)
 
 
 class Screen:

@@ -287,7 +287,7 @@ class QuenchEpisodes:
             if task.start == "scene":
                 given = float(pm.packing_fraction(packing))
             else:
-                given = _STARTS[packing.dimension, len(packing.rigid_links) > 0]
+                given = _STARTS[packing.dimension, bool(packing.links)]
         low, high = given if isinstance(given, tuple | list) else (given, given)
         return float(low), float(high)
 
@@ -340,7 +340,7 @@ class QuenchEpisodes:
         now = float(pm.packing_fraction(packing))
         if fraction == now:
             return packing
-        if len(packing.rigid_links):
+        if packing.links:
             raise ValueError("start_packing_fraction must be left out for start='scene' and a scene with links")
         factor = (now / fraction) ** (1.0 / packing.dimension)
         return packing.replace(position_nd=packing.position_nd * factor, box=packing.box.scaled(factor))

@@ -120,10 +120,10 @@ class EpisodeRecorder:
         recorded, now = self.recorded.packing, self.packing()
         if not np.array_equal(recorded.radius_n, now.radius_n) or recorded.dimension != now.dimension:
             return False
-        bodies, links, others = recorded.bodies, recorded.rigid_links, now.rigid_links
+        bodies, links, others = recorded.shapes, recorded.links, now.links
         return (
-            type(bodies) is type(now.bodies)
-            and bodies.oriented(now.bodies.orientation_nq) == now.bodies
+            type(bodies) is type(now.shapes)
+            and bodies.oriented(now.shapes.orientation_nq) == now.shapes
             and all(np.array_equal(*ends) for ends in ((links.i_l, others.i_l), (links.j_l, others.j_l)))
         )
 

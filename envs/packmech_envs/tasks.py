@@ -168,16 +168,16 @@ def shearable(scene: pm.Scene, *, links: str = "refuse", link_stiffness: float |
     --------
     >>> trimers = scene_of("fifty-trimers-2d")
     >>> bonded = shearable(trimers, links="bonds")
-    >>> len(bonded.effects[-1]), len(trimers.packing.links), bonded.packing.links
-    (150, 150, None)
+    >>> len(bonded.effects[-1]), len(trimers.packing.links), len(bonded.packing.links)
+    (150, 150, 0)
 
     """
     one_of("links", links, LINKS)
-    if not len(scene.packing.rigid_links):
+    if not scene.packing.links:
         return scene
     if links == "refuse":
         raise ValueError(
-            f"scene must have no rigid links here, got {len(scene.packing.rigid_links)}; "
+            f"scene must have no rigid links here, got {len(scene.packing.links)}; "
             'links="bonds" makes each of them a stiff permanent bond'
         )
     return bonds_for_links(scene, link_stiffness)
@@ -209,7 +209,7 @@ def bonds_for_links(scene: pm.Scene, stiffness: float | None = None) -> pm.Scene
 
     """
     packing = scene.packing
-    links = packing.rigid_links
+    links = packing.links
     if not len(links):
         return scene
     if stiffness is None:

@@ -44,7 +44,7 @@ class ObservedOrientations:
     """
 
     def __init__(self, packing: pm.Packing, each: bool) -> None:
-        width = packing.bodies.orientation_nq.shape[1]
+        width = packing.shapes.orientation_nq.shape[1]
         self.each = each
         self.names: tuple[str, ...] = ()
         self._where: tuple[tuple[int, int], ...] = ()
@@ -72,7 +72,7 @@ class ObservedOrientations:
             order = pm.nematic_order(packing).tensor_dd
             numbers = np.array([order[a, b] for a, b in self._where])
         if self.each:
-            orientation = packing.bodies.orientation_nq
+            orientation = packing.shapes.orientation_nq
             if orientation.shape[1] == 4:
                 orientation = orientation * np.where(orientation[:, :1] < 0.0, -1.0, 1.0)
             numbers = np.concatenate([numbers, orientation.ravel()])

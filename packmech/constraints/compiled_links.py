@@ -112,7 +112,6 @@ def compile_links(
     Other parameters are those of `row_links`.
     """
     whole = packing.links
-    assert whole is not None
     between, offset = row_links(whole, order_n, wrap_nd, change_dd)
     independent, _ = row_links(workable, order_n, wrap_nd, change_dd)
     n, d = packing.particles, packing.dimension

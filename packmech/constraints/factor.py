@@ -68,7 +68,7 @@ class Strains(NamedTuple):
 
 
 def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
-    """Return the geometry of a packing's links, or of the given ones, in their order; none where there are no links.
+    """Return the geometry of a packing's links, or of the given ones, in their order.
 
     Raises
     ------
@@ -77,9 +77,6 @@ def link_pairs(packing: Packing, links: Links | None = None) -> Contacts:
 
     """
     links = packing.links if links is None else links
-    if links is None:
-        none = np.zeros(0, dtype=np.int64)
-        return pair_contacts(packing, none, none, np.zeros((0, packing.dimension), dtype=np.int64))
     pairs = pair_contacts(packing, links.i_l, links.j_l, links.image_ld)
     stuck = np.flatnonzero(pairs.distance_c == 0.0)
     if len(stuck):
@@ -105,7 +102,7 @@ class ConstraintFactor:
     Attributes
     ----------
     packing, links
-        As given; None without links.
+        As given.
     pairs
         Normals and distances of the links.
     system
@@ -135,7 +132,7 @@ class ConstraintFactor:
         self.pairs = link_pairs(packing, self.links)
         self.system: LinkSystem | None = None
         self.smallest_pivot, self.left_out = 1.0, 0
-        if self.links is None:
+        if not self.links:
             return
         if system is None:
             mean = float(packing.diameter_n.mean())
@@ -155,8 +152,7 @@ class ConstraintFactor:
     @functools.cached_property
     def cluster_n(self) -> NDArray[np.int64]:
         """The (N,) cluster of each particle."""
-        particles = self.packing.particles
-        return np.arange(particles) if self.links is None else self.links.clusters(particles)
+        return self.links.clusters(self.packing.particles)
 
     @functools.cached_property
     def cluster_l(self) -> NDArray[np.int64]:
@@ -220,7 +216,7 @@ class ConstraintFactor:
         The sum is over particles that are free to move, all unless given.
         """
         push = np.ascontiguousarray(push_x, dtype=np.float64).reshape(self.packing.position_nd.shape)
-        if free_n is not None and not free_n.all():
+        if len(self) and free_n is not None and not free_n.all():
             free = np.repeat(free_n, self.packing.dimension)
             return _least_squares(self.gradient_lx[:, free], -push.ravel()[free])
         found = self.project(-push)[1]
@@ -236,14 +232,16 @@ class ConstraintFactor:
 
         Errors are over the larger of a link's length and the mean diameter.
         """
-        assert self.system is not None
+        if self.system is None:
+            return np.array(position_nd), np.zeros(1)
         place, error_t = np.array(position_nd), np.zeros((1 + DAMPED) * step_limit + 1)
         steps = record_link_positions(moved_system(self.system), place, lattice_dd, tolerance, step_limit, error_t)[0]
         return place, error_t[: int(steps) + 1]
 
     def projected(self, packing: Packing) -> Packing:
         """Return a packing of the same particles with its links at their lengths, to rounding of the coordinates."""
-        assert self.system is not None
+        if self.system is None:
+            return packing
         lattice = packing.box.lattice_dd
         extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(lattice).max()))
         rounding = 2.0 * np.finfo(np.float64).eps * extent / float(self.system.scale_r.min(initial=np.inf))
@@ -253,11 +251,10 @@ class ConstraintFactor:
 
     def strains(self, scale: float, strain: BoxStrain) -> Strains:
         """Return what `project_strained` needs for "free" or "isochoric" strains times a scale."""
-        assert self.system is not None
         d = self.packing.dimension
         rows = np.ascontiguousarray(self.strain_le.T / scale)
-        part, motion = np.empty_like(rows), np.empty((len(rows), *self.packing.position_nd.shape))
-        for k, row_l in enumerate(rows):
+        part, motion = np.empty_like(rows), np.zeros((len(rows), *self.packing.position_nd.shape))
+        for k, row_l in enumerate(rows if self.system is not None else ()):
             solve_rates(self.system, row_l, motion[k], part[k])
         inner = np.eye(len(rows)) + np.einsum("ind,jnd->ij", motion, motion)
         free = strain_directions(d, strain)
@@ -279,7 +276,7 @@ class ConstraintFactor:
             multiplier += more
             share += held @ (before - strain) - held @ np.einsum("el,l->e", rows, more)
         rate_l = self.gradient_lx @ out.ravel() + np.einsum("el,e->l", rows, strain)
-        rate = max(abs(held @ strain), np.abs(rate_l).max())
+        rate = max(abs(held @ strain), np.abs(rate_l).max(initial=0.0))
         return out, strain, multiplier, float(share / (held @ held) if held.any() else 0.0), float(rate)
 
     @functools.cached_property

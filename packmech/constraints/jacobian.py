@@ -31,7 +31,7 @@ def scale_of_strain(packing: Packing, strain_scale: float | None) -> float:
 def link_rows(links: ConstraintFactor, form: str = "exact") -> tuple[sp.csc_array, NDArray[np.float64]]:
     """Return Omega, the (N d, L) derivatives of the links' lengths by the positions, and (s, L) by Mandel strains."""
     position, strain = links.gradient_lx.T.tocsc(), links.strain_le.T
-    if form == "paper" and links.links is not None:
+    if form == "paper":
         # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
         over = links.pairs.distance_c / links.links.length_l
         position, strain = position.multiply(over).tocsc(), strain * over

@@ -24,7 +24,6 @@ from packmech.constraints.redundancy import SINE, DegenerateLink, check_consiste
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, trace_vector
-from packmech.links import image_offsets
 from packmech.packing import Packing, no_own_images
 from packmech.result import NotConverged, Outcome, Run
 
@@ -203,7 +202,7 @@ def project_force(
         seconds = time.process_time() - started
         return ConstrainedForce(left, scale * strain_left, multiplier, held, rate, method, seconds)
 
-    if method == "clusters" and packing.links is not None:
+    if method == "clusters":
         factored = _LAST.factor(packing, strain, scale)
         if factored is not None:
             factor, prepared = factored
@@ -326,18 +325,14 @@ def reaffix_links(
     limit = integer("iteration_limit", iteration_limit, at_least=1)
     instance("check", check, bool)
     started = time.process_time()
-    links = packing.links
-    if links is None:
-        spent = time.process_time() - started
-        return ReaffixedLinks(packing, Outcome.CONVERGED, 0, np.zeros(1), 0, (), spent)
     factor = ConstraintFactor(packing)
     if factor.smallest_pivot < _SUSPECT:
         found = dependence(packing)
         if len(found.redundant_l):
             check_consistent(packing, found, _AGREEMENT)
-            keep = np.ones(len(links), dtype=bool)
+            keep = np.ones(len(packing.links), dtype=bool)
             keep[found.redundant_l] = False
-            factor = ConstraintFactor(packing, links.select(keep))
+            factor = ConstraintFactor(packing, packing.links.select(keep))
     place, residual = factor.project_positions(packing.position_nd, packing.box.lattice_dd, tolerance, limit)
     steps = len(residual) - 1
     outcome = Outcome.CONVERGED if residual[-1] <= tolerance else Outcome.STALLED
@@ -392,11 +387,8 @@ def scale_box(packing: Packing, factor: float) -> Packing:
 
 def strain_box(packing: Packing, gradient_dd: NDArray[np.float64]) -> Packing:
     """Return the packing with its box strained by a (d, d) displacement gradient, as `scale_box` scales it."""
-    box, links = packing.box.strained(gradient_dd), packing.links
-    if links is None:
-        return packing.replace(position_nd=packing.position_nd + packing.position_nd @ gradient_dd.T, box=box)
-    offset, winding = image_offsets(links, packing.particles)
-    cluster = links.clusters(packing.particles)
+    box, cluster = packing.box.strained(gradient_dd), packing.cluster_n
+    offset, winding = packing.unwrapping_nd, packing.winding_n
     count = np.bincount(cluster)
     place = packing.position_nd + offset @ packing.box.lattice_dd.T
     center = np.stack([np.bincount(cluster, place[:, a]) / count for a in range(packing.dimension)], axis=1)[cluster]

@@ -165,7 +165,6 @@ def _in_cluster(
 
     They are named by their places among these.
     """
-    assert factor.links is not None
     links, pairs = factor.links.select(own), factor.pairs.select(own)
     members = np.unique(np.concatenate([links.i_l, links.j_l]))
     if 8.0 * members.size * pairs.dimension * len(links) > BASIS_LIMIT:
@@ -173,7 +172,6 @@ def _in_cluster(
             f"packing must have clusters with at most {BASIS_LIMIT:.0e} bytes of entangled links, got more"
         )
     matrix = cluster_block(factor.gradient_lx, own)[0].T
-    assert links.shape_l is not None
     # bonds of the molecule are kept rather than links that hold its shape
     kept = _staged(matrix, [np.flatnonzero(~links.shape_l), np.flatnonzero(links.shape_l)], tolerance)
     dependent = np.setdiff1d(np.arange(len(links)), kept)
@@ -202,7 +200,6 @@ def _in_cluster(
 def dependence(packing: Packing, tolerance: float = SINE) -> Dependence:
     """Return which links are independent, redundant and degenerate at the packing's places."""
     links = packing.links
-    assert links is not None
     factor = ConstraintFactor(packing)
     independent = ~_core(links, factor.pairs.normal_cd, packing.particles, tolerance)
     redundant: list[int] = []
@@ -233,7 +230,6 @@ def check_consistent(packing: Packing, found: Dependence, tolerance: float) -> f
     if not len(found.redundant_l):
         return 0.0
     links = packing.links
-    assert links is not None
     place, lattice, worst = packing.position_nd, packing.box.lattice_dd, 0.0
     if found.independent_l.any():
         settled = ConstraintFactor(packing, links.select(found.independent_l))
@@ -300,9 +296,6 @@ def independent_links(
     real("rank_tolerance", rank_tolerance, above=0.0, below=1.0)
     started = time.process_time()
     links = packing.links
-    none = np.empty(0, dtype=np.int64)
-    if links is None:
-        return IndependentLinks(packing, none, (), 0, 0.0, time.process_time() - started)
     with single_thread():
         found = dependence(packing, rank_tolerance)
         largest = check_consistent(packing, found, tolerance)
@@ -312,7 +305,7 @@ def independent_links(
     keep = np.ones(len(links), dtype=bool)
     keep[removed] = False
     rank = len(links) - len(removed) - len(found.degenerate)
-    kept = packing.replace(links=links.select(keep) if keep.any() else None) if len(removed) else packing
+    kept = packing.replace(links=links.select(keep)) if len(removed) else packing
     return IndependentLinks(kept, removed, found.degenerate, rank, largest, time.process_time() - started)
 
 
@@ -324,8 +317,7 @@ def _holds_strain(
 
     factor = ConstraintFactor(packing)
     cluster, rows = factor.cluster_l, factor.strain_le.T
-    assert factor.links is not None
-    _, winding = image_offsets(factor.links, packing.particles)
+    winding = packing.winding_n
     rest = np.zeros((len(rows), len(spare_l)))
     # in a cluster that does not wind around the box a strain is a displacement like others
     for c in np.unique(cluster[spare_l[winding[factor.pairs.i_c[spare_l]]]]):
@@ -353,7 +345,6 @@ def workable_links(packing: Packing) -> Links:
 
     """
     links = packing.links
-    assert links is not None
     no_own_images("packing", packing)
     members = np.bincount(links.clusters(packing.particles))
     if len(links) == int((members - 1).sum()) and (links.i_l != links.j_l).all():
@@ -361,5 +352,4 @@ def workable_links(packing: Packing) -> Links:
     found = independent_links(packing)
     if found.degenerate:
         raise ValueError(f"packing must have links that hold to first order, got a link of {found.degenerate[0]}")
-    assert found.packing.links is not None
     return found.packing.links

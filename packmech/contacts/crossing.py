@@ -75,7 +75,7 @@ def crossing_links(packing: Packing) -> Crossings:
     instance("packing", packing, Packing)
     if packing.dimension != 2:
         raise ValueError(f"packing must have two dimensions for links to cross, got {packing.dimension}")
-    return find_crossings(packing.position_nd, packing.box, packing.rigid_links)
+    return find_crossings(packing.position_nd, packing.box, packing.links)
 
 
 def find_crossings(position_nd: NDArray[np.float64], box: Box, links: Links) -> Crossings:
@@ -133,7 +133,7 @@ def near_links(packing: Packing, reach: float) -> NearLinks:
 
     Pairs a little further apart may be among them.
     """
-    links = packing.rigid_links
+    links = packing.links
     bond = np.flatnonzero(~links.shape_l)
     start_ld, along_ld = _segments(packing, bond)
     half_l = 0.5 * np.sqrt((along_ld**2).sum(axis=1)) + 1e-300
@@ -151,7 +151,7 @@ def near_links(packing: Packing, reach: float) -> NearLinks:
 
 def _segments(packing: Packing, link: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where links start and their vectors."""
-    links = packing.rigid_links
+    links = packing.links
     start = packing.position_nd[links.i_l[link]]
     end = packing.position_nd[links.j_l[link]] + links.image_ld[link] @ packing.box.lattice_dd.T
     return start, end - start

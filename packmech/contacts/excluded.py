@@ -48,7 +48,7 @@ def rigid_clusters(packing: Packing) -> NDArray[np.bool_]:
     A cluster that winds around the box counts as flexible; so does a particle without links.
     """
     rigid = np.zeros(packing.particles, dtype=bool)
-    links, d, cluster, winding = packing.rigid_links, packing.dimension, packing.cluster_n, packing.winding_n
+    links, d, cluster, winding = packing.links, packing.dimension, packing.cluster_n, packing.winding_n
     if not len(links):
         return rigid
     unwrapped_nd = packing.position_nd + packing.unwrapping_nd @ packing.box.lattice_dd.T
@@ -115,13 +115,15 @@ class Excluded:
     """The pairs of a packing that count as no contacts; made once for a packing and its later positions."""
 
     def __init__(self, packing: Packing) -> None:
-        self._links = links = packing.rigid_links
+        self._links = links = packing.links
         self._offset, self._cluster = packing.unwrapping_nd, packing.cluster_n
         self._rigid = rigid_clusters(packing)
         self._code = links.i_l * packing.particles + links.j_l
 
     def mask(self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], image_cd: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return (C,) which of the pairs i <= j count as no contacts."""
+        if not self._links:
+            return np.zeros(len(i_c), dtype=bool)
         out: NDArray[np.bool_] = _mask(
             i_c, j_c, image_cd, self._rigid, self._cluster, self._offset, self._code, self._links.image_ld
         )

@@ -41,7 +41,7 @@ def shared_volume(packing: Packing) -> float:
         The packing.
 
     """
-    links = packing.rigid_links
+    links = packing.links
     if not len(links):
         return 0.0
     position_nd, radius_n, lattice_dd = packing.position_nd, packing.radius_n, packing.box.lattice_dd
@@ -495,8 +495,6 @@ def second_moments(packing: Packing) -> NDArray[np.float64]:
         frame = shapes.frames()
         return np.asarray(frame @ body_moments(shapes) @ frame.transpose(0, 2, 1)) * radius[:, None, None] ** 2
     share = 0.25 if d == 2 else 0.2
-    if shapes is None:
-        return share * radius[:, None, None] ** 2 * np.eye(d)
     along, across = (one[:, None, None] ** 2 for one in shapes.semi_axes(radius))
-    director = shapes.director_nd
+    director = shapes.axis_nd
     return np.asarray(share * ((along - across) * director[:, :, None] * director[:, None, :] + across * np.eye(d)))

@@ -38,7 +38,7 @@ def check_contacts(packing: Packing, contacts: Contacts | ShapeContacts) -> None
         If they are of the wrong kind, or made for other numbers of particles or axes, or other shapes.
 
     """
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         instance("contacts", contacts, Contacts)
     elif not isinstance(contacts, ShapeContacts):
         raise TypeError(f"contacts must be ShapeContacts for a packing with shapes, got {type(contacts).__name__}")
@@ -47,7 +47,7 @@ def check_contacts(packing: Packing, contacts: Contacts | ShapeContacts) -> None
             f"contacts must belong to {packing.particles} particles in {packing.dimension} dimensions,"
             f" got {contacts.particles} in {contacts.dimension}"
         )
-    if isinstance(contacts, ShapeContacts) and contacts.shapes != packing.shapes:
+    if contacts.shapes != packing.shapes:
         raise ValueError("contacts must be those of the packing, with its shapes as they are turned, got others")
 
 

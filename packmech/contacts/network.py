@@ -15,6 +15,7 @@ from packmech.contacts.excluded import Excluded
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
+from packmech.shapes import Discs
 
 # gaps that rounding of positions makes, in units of it
 _DIGITS = 8.0
@@ -157,6 +158,11 @@ class Contacts:
         share = np.divide(1.0, self.distance_c, out=np.zeros_like(self.distance_c), where=apart)
         across = np.eye(self.dimension) - self.normal_cd[:, :, None] * self.normal_cd[:, None, :]
         return np.asarray(share[:, None, None] * across)
+
+    @property
+    def shapes(self) -> Discs:
+        """Discs or spheres."""
+        return Discs(self.particles, self.dimension)
 
     @property
     def push_c(self) -> NDArray[np.float64]:
@@ -370,8 +376,7 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale)
     contacts = pair_contacts(packing, *pairs)
     touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
-    if packing.links is not None:
-        touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
+    touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
     if gap_tolerance is None:
         touching = overlapping_or_all(packing, contacts.gap_c, contacts.contact_distance_c, touching)
     return contacts.select(touching)

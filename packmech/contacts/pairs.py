@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.excluded import Excluded
-from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
-from packmech.contacts.shape_contacts import ShapeContacts, candidate_shapes, shape_contacts
+from packmech.contacts.network import Candidates, Contacts, pair_contacts
+from packmech.contacts.shape_contacts import ShapeContacts, candidate_sites, shape_contacts
 from packmech.packing import Packing
 
 Pairs = Candidates | Contacts | ShapeContacts
@@ -28,18 +28,16 @@ def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Can
         What is added to each distance of contact [length].
 
     """
-    if packing.shapes is not None:
-        return candidate_shapes(packing, scale, skin)
-    pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale, skin=skin)
-    if packing.links is None:
-        return pairs
+    pairs = candidate_sites(packing, scale, skin)
     apart = ~Excluded(packing).mask(*pairs)
     return Candidates(*(part[apart] for part in pairs))
 
 
 def measure_pairs(packing: Packing, pairs: Candidates, *, second: bool = False) -> Contacts | ShapeContacts:
     """Return the given pairs of sites, touching or not, as they are in a packing; with curvatures if `second`."""
-    return pair_contacts(packing, *pairs) if packing.shapes is None else shape_contacts(packing, pairs, second=second)
+    if packing.shapes.has_orientations:
+        return shape_contacts(packing, pairs, second=second)
+    return pair_contacts(packing, *pairs)
 
 
 def list_pairs(pairs: Pairs) -> Candidates:

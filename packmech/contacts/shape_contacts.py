@@ -28,7 +28,7 @@ from packmech.contacts.network import (
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.honors import honors
 from packmech.packing import Packing
-from packmech.shapes import Beads, Shapes, Spheroids
+from packmech.shapes import Shapes, Spheroids
 
 # changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows
 _SMALL = 1e-5
@@ -103,7 +103,7 @@ class ShapeContacts:
     @property
     def bead_c2(self) -> NDArray[np.int64] | None:
         """The (C, 2) beads of i and of j that touch, counted from 0 in each; None where particles have no beads."""
-        if not isinstance(self.shapes, Beads):
+        if not self.shapes.has_beads:
             return None
         start = self.shapes.start_n
         return np.stack([self.site_i_c - start[self.i_c], self.site_j_c - start[self.j_c]], axis=1)
@@ -111,49 +111,29 @@ class ShapeContacts:
     def points(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (C, d) vectors from center i to the point of contact [length].
 
-        Beads share their distance as discs and spheres do. Ellipses and spheroids touch when both are scaled by
-        s = rho / sigma: at s A n / g from the center, A their matrix of squared semi-axes, g = sqrt(n A n).
+        Sites touch when both are scaled by s = rho / sigma: at s A n / g from their centers, A their matrix of squared
+        semi-axes, g = sqrt(n A n).
         """
-        if isinstance(self.shapes, Beads):
-            arm, apart, share = self._beads(radius_n)
-            return np.asarray(arm[self.site_i_c] + share[:, None] * apart)
-        return np.asarray((1.0 - self.overlap_c)[:, None] * self._support(radius_n)[0])
+        arm = self.shapes.arms(radius_n)[self.site_i_c]
+        return np.asarray(arm + (1.0 - self.overlap_c)[:, None] * self._support(radius_n)[0])
 
     def point_slopes(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (C, d, X) derivatives of these by the pairs' coordinates; of spheroids curvatures are needed."""
-        count, d, t = len(self), self.dimension, (self.slope_cx.shape[1] - self.dimension) // 2
-        slope, own = np.zeros((count, d, d + 2 * t)), slice(d, d + t)
-        if isinstance(self.shapes, Beads):
-            arm, _, share = self._beads(radius_n)
-            slope[:, :, :d] = np.eye(d)
-            slope[:, :, own] = -turned_arms(arm[self.site_i_c])
-            slope[:, :, d + t :] = turned_arms(arm[self.site_j_c])
-            slope *= share[:, None, None]
-            slope[:, :, own] += turned_arms(arm[self.site_i_c])
-            return slope
+        """Return the (C, d, X) derivatives of these by the pairs' coordinates; curvatures are needed."""
+        d = self.dimension
+        own = slice(d, (self.slope_cx.shape[1] + d) // 2)
         point, bend = self._support(radius_n)
         scale, normal = (1.0 - self.overlap_c)[:, None, None], self.normal_cd
         # the point turns with the shape, and moves on it as the normal turns against the shape
         slope = bend @ normal_slopes(self)
         slope[:, :, own] += turned_arms(point) - bend @ turned_arms(normal)
-        return np.asarray(
-            scale * slope + point[:, :, None] * (self.slope_cx / self.contact_distance_c[:, None])[:, None]
-        )
-
-    def _beads(
-        self, radius_n: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return (B, d) arms of beads, (C, d) vectors between those that touch, and (C,) shares of the first."""
-        assert isinstance(self.shapes, Beads)
-        arm, radius = self.shapes.arms(radius_n), self.shapes.bead_radius(radius_n)
-        apart = self.vector_cd + arm[self.site_j_c] - arm[self.site_i_c]
-        return arm, apart, radius[self.site_i_c] / (radius[self.site_i_c] + radius[self.site_j_c])
+        slope = scale * slope + point[:, :, None] * (self.slope_cx / self.contact_distance_c[:, None])[:, None]
+        slope[:, :, own] += turned_arms(self.shapes.arms(radius_n)[self.site_i_c])
+        return np.asarray(slope)
 
     def _support(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return (C, d) points p = A n / g of the spheroids i where n is their normal, and (C, d, d) dp/dn."""
-        assert isinstance(self.shapes, Spheroids)
-        along, across = (one[self.i_c] ** 2 for one in self.shapes.semi_axes(radius_n))
-        director, normal = self.shapes.director_nd[self.i_c], self.normal_cd
+        """Return (C, d) points p = A n / g of the sites i where n is their normal, and (C, d, d) dp/dn."""
+        along, across = (one[self.site_i_c] ** 2 for one in self.shapes.semi_axes(radius_n))
+        director, normal = self.shapes.axis_bd[self.site_i_c], self.normal_cd
         matrix = (along - across)[:, None, None] * director[:, :, None] * director[:, None, :]
         matrix += across[:, None, None] * np.eye(self.dimension)
         point = np.einsum("cab,cb->ca", matrix, normal)
@@ -185,7 +165,6 @@ class ShapeContacts:
 
     def numbered(self, number_n: NDArray[np.int64], packing: Packing) -> ShapeContacts:
         """Return the contacts between the particles of another packing, by their new numbers."""
-        assert packing.shapes is not None
         i, j = number_n[self.i_c], number_n[self.j_c]
         start, now = self.shapes.start_n, packing.shapes.start_n
         site_i = self.site_i_c - start[self.i_c] + now[i]
@@ -213,12 +192,12 @@ class ShapeContacts:
         return np.where(np.abs(scaled).max(axis=1) < _SMALL, along, self.distance_c - start.distance_c)
 
 
-def candidate_shapes(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
+def candidate_sites(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Candidates:
     """Return the pairs of sites that touch when shapes, or beads, are grown by scale and skin, and perhaps some more.
 
     Sites are particles, in whose surrounding discs or spheres their shapes are, or beads of different bodies.
     """
-    bodies, radius = packing.bodies, packing.radius_n
+    bodies, radius = packing.shapes, packing.radius_n
     owner, reach = bodies.particle_b, np.maximum(*bodies.semi_axes(radius))
     place = packing.position_nd[owner] + bodies.arms(radius)
     found = candidate_pairs(place, reach, packing.box, scale=scale, skin=skin)
@@ -247,25 +226,21 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
 
     """
     shapes = packing.shapes
-    assert shapes is not None
-    owner = shapes.particle_b
+    owner, arm, size = shapes.particle_b, shapes.arms(packing.radius_n), shapes.site_radius(packing.radius_n)
     i, j = owner[pairs.i_c], owner[pairs.j_c]
     vector = packing.position_nd[j] - packing.position_nd[i] + pairs.image_cd @ packing.box.lattice_dd.T
-    if isinstance(shapes, Beads):
-        arm, radius = shapes.arms(packing.radius_n), shapes.bead_radius(packing.radius_n)
-        sigma = radius[pairs.i_c] + radius[pairs.j_c]
-        apart = vector + arm[pairs.j_c] - arm[pairs.i_c]
-        _check_apart("beads", apart, pairs.i_c, pairs.j_c)
+    sigma = size[pairs.i_c] + size[pairs.j_c]
+    apart = vector + arm[pairs.j_c] - arm[pairs.i_c]
+    _check_apart("beads" if shapes.has_beads else "particles", apart, pairs.i_c, pairs.j_c)
+    if not isinstance(shapes, Spheroids):
         distance, first, curvature = bead_contacts(apart, arm[pairs.i_c], arm[pairs.j_c], second=second)
     else:
-        _check_apart("particles", vector, i, j)
 
         def both(array: NDArray[np.float64]) -> NDArray[np.float64]:
             return np.stack([array[i], array[j]], axis=1)
 
         radius, aspect, director = both(packing.radius_n), both(shapes.aspect_n), both(shapes.director_nd)
         found = scaled_contacts(vector, radius, aspect, director, second=second)
-        sigma = packing.radius_n[i] + packing.radius_n[j]
         distance, first = found.scale_p * sigma, found.first_px * sigma[:, None]
         curvature = found.second_pxx * sigma[: len(found.second_pxx), None, None]
     return ShapeContacts(
@@ -310,11 +285,11 @@ def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, 
 
     """
     instance("packing", packing, Packing)
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         raise ValueError("packing must have shapes, got one of discs or spheres: ask pm.find_contacts")
     instance("second", second, bool)
     tolerance = gap_limit(gap_tolerance)
-    pairs = candidate_shapes(packing, (1.0 + tolerance) * (1.0 + 1e-9))
+    pairs = candidate_sites(packing, (1.0 + tolerance) * (1.0 + 1e-9))
     near = shape_contacts(packing, pairs)
     touching = near.gap_c <= tolerance * near.contact_distance_c
     if gap_tolerance is None:
@@ -328,6 +303,6 @@ def touching_pairs(
     packing: Packing, gap_tolerance: float | None = 0.0, *, second: bool = False
 ) -> Contacts | ShapeContacts:
     """Return the touching pairs of a packing with shapes or without, arguments as of `find_shape_contacts`."""
-    if packing.shapes is None:
-        return find_contacts(packing, gap_tolerance=gap_tolerance)
-    return find_shape_contacts(packing, gap_tolerance=gap_tolerance, second=second)
+    if packing.shapes.has_orientations:
+        return find_shape_contacts(packing, gap_tolerance=gap_tolerance, second=second)
+    return find_contacts(packing, gap_tolerance=gap_tolerance)

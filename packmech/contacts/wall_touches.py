@@ -3,7 +3,8 @@
 The distance is that of the particle and its mirror image (`packmech.effects.Walls`): rho = 2 D for a disc whose center
 is D from the wall. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall across n; its distance is
 rho = 2 D r / h, the diameter 2 r times the scale D / h at which it would just touch. A rigid body has a distance for
-each bead, as that is a disc or sphere. Of the energy u(rho) of both the particle has half.
+each bead, as that is a disc or sphere: h = r, off the center of the body. Of the energy u(rho) of both the particle has
+half.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.packing import Packing
-from packmech.shapes import Beads, Spheroids
 
 
 class WallTouches(NamedTuple):
@@ -58,36 +58,19 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
 
     """
     shapes, d = packing.shapes, packing.dimension
-    n, t = packing.particles, 1 if d == 2 else 3
-    if isinstance(shapes, Beads):
-        particle = shapes.particle_b
-        arm = _padded(shapes.arms(packing.radius_n))
-        reach = shapes.bead_radius(packing.radius_n)
-        height = height_n[particle] + side * arm[:, axis]
-    else:
-        particle, height = np.arange(n), height_n
-        reach = packing.radius_n if shapes is None else support(shapes, packing.radius_n, axis)
-    near = np.flatnonzero(height < reach)
-    owner = particle[near]
-    slope, curvature = np.zeros((len(near), d + t)), np.zeros((len(near), d + t, d + t))
-    if shapes is None:
-        slope[:, axis] = 2.0 * side
-        return WallTouches(owner, 2.0 * height[near], 2.0 * reach[near], slope, curvature)
+    t = 1 if d == 2 else 3
+    particle, arm, axis_b3 = shapes.particle_b, _padded(shapes.arms(packing.radius_n)), _padded(shapes.axis_bd)
+    a, b = shapes.semi_axes(packing.radius_n)
+    excess = (a - b) * (a + b)
+    # how far sites reach from their centers along the axis
+    support = np.sqrt(b**2 + excess * axis_b3[:, axis] ** 2)
+    height = height_n[particle] + side * arm[:, axis]
+    near = np.flatnonzero(height < support)
+    size, own, arm, director, excess = support[near], height[near], arm[near], axis_b3[near], excess[near]
+    sigma = 2.0 * shapes.site_radius(packing.radius_n)[near]
     along = np.zeros(3)
     along[axis] = 1.0
-    if isinstance(shapes, Beads):
-        sigma, distance = 2.0 * reach[near], 2.0 * height[near]
-        slope[:, axis] = 2.0 * side
-        first = np.cross(arm[near], along)
-        second = _turned_twice(along, arm[near])
-        slope[:, d:] = 2.0 * side * _turns(first, d)
-        curvature[:, d:, d:] = 2.0 * side * _turns_of_both(second, d)
-        return WallTouches(owner, distance, sigma, slope, curvature)
-    radius, size, own = packing.radius_n[near], reach[near], height[near]
-    a, b = (one[near] for one in shapes.semi_axes(packing.radius_n))
-    director = _padded(shapes.director_nd)[near]
-    cosine, excess = director[:, axis], (a - b) * (a + b)
-    across = np.cross(director, along)
+    cosine, across = director[:, axis], np.cross(director, along)
     # derivatives of the square of the support, then of the support
     square_1 = 2.0 * (excess * cosine)[:, None] * across
     square_2 = (
@@ -99,23 +82,21 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
     support_2 = (
         square_2 / (2.0 * size[:, None, None]) - support_1[:, :, None] * support_1[:, None, :] / (size[:, None, None])
     )
-    sigma = 2.0 * radius
-    over = sigma / size**2
-    slope[:, axis] = side * sigma / size
-    slope[:, d:] = -(own * over)[:, None] * _turns(support_1, d)
+    # rho = scale * height, where the scale turns with sites that are long, and the height with those beside centers
+    scale, over = sigma / size, sigma / size**2
+    height_1, height_2 = side * np.cross(arm, along), side * _turned_twice(along, arm)
+    slope, curvature = np.zeros((len(near), d + t)), np.zeros((len(near), d + t, d + t))
+    slope[:, axis] = side * scale
+    slope[:, d:] = _turns(scale[:, None] * height_1 - (own * over)[:, None] * support_1, d)
     mixed = -side * over[:, None] * _turns(support_1, d)
     curvature[:, axis, d:] = mixed
     curvature[:, d:, axis] = mixed
     bent = 2.0 * support_1[:, :, None] * support_1[:, None, :] / size[:, None, None] - support_2
-    curvature[:, d:, d:] = (own * over)[:, None, None] * _turns_of_both(bent, d)
-    return WallTouches(owner, own * sigma / size, sigma, slope, curvature)
-
-
-def support(shapes: Spheroids, radius_n: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
-    """Return (N,) how far ellipses or spheroids reach from their centers along an axis [length]."""
-    along, across = shapes.semi_axes(radius_n)
-    cosine = shapes.director_nd[:, axis]
-    return np.asarray(np.sqrt(across**2 + (along - across) * (along + across) * cosine**2))
+    both = height_1[:, :, None] * support_1[:, None, :]
+    whole = scale[:, None, None] * height_2 + (own * over)[:, None, None] * bent
+    whole -= over[:, None, None] * (both + both.transpose(0, 2, 1))
+    curvature[:, d:, d:] = _turns_of_both(whole, d)
+    return WallTouches(particle[near], own * scale, sigma, slope, curvature)
 
 
 def _padded(vector_nd: NDArray[np.float64]) -> NDArray[np.float64]:

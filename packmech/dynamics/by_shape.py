@@ -68,7 +68,7 @@ def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | N
     for rows in shape_rows(packing, order_n):
         if isinstance(rows, BeadRows) and isinstance(shapes, Beads):
             return body_rows(rows, shapes.select(order_n))
-        if isinstance(rows, ShapeRows) and shapes is not None:
+        if isinstance(rows, ShapeRows):
             rows.unit_nd[:, : packing.dimension] = shapes.orientation_nq[order_n]
             return rows
     return None
@@ -76,7 +76,7 @@ def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | N
 
 def most_beads(packing: Packing) -> int:
     """Return how many beads a particle has at most; 1 without beads."""
-    return int(np.diff(packing.shapes.start_n).max()) if isinstance(packing.shapes, Beads) else 1
+    return int(np.diff(packing.shapes.start_n).max())
 
 
 # Python's: radii of gyration [length], what holds how rows are turned, and moments of inertia from what rows hold

@@ -81,7 +81,6 @@ from packmech.minimize.program import space_order
 from packmech.packing import Packing
 from packmech.result import Condition
 from packmech.scene import Scene
-from packmech.shapes import Beads
 from packmech.tangential import TangentialDisplacements
 
 # skin of the wide pair list in units of the harmonic mean diameter
@@ -322,7 +321,7 @@ class Engine:
     def tensions(self) -> NDArray[np.float64]:
         """Return the (L,) tensions of the packing's links that `observe` measured [force]; none in redundant ones."""
         whole, own = self.scene.packing.links, self.row_links
-        if whole is None or own is None or self.rattle is None:
+        if own is None or self.rattle is None:
             return np.zeros(0)
         if self.link_l is None:
             i, j = self.order_n[own.i_l], self.order_n[own.j_l]
@@ -365,7 +364,7 @@ class Engine:
         # from rows and images of the loops' lattice to particles, their places and the scene's box
         i, j = self.order_n[held.i_c], self.order_n[held.j_c]
         image = held.image_cd[:, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
-        bead = held.bead_c2 if isinstance(self.scene.packing.shapes, Beads) else None
+        bead = held.bead_c2 if self.scene.packing.shapes.has_beads else None
         return TangentialDisplacements(i, j, image, held.stretch_ck, bead)
 
     def packing(self) -> Packing:
@@ -381,14 +380,14 @@ class Engine:
     ) -> Packing:
         """Return the packing with these places and orientations (None without shapes)."""
         shapes = self.scene.packing.shapes
-        if shapes is not None and orientation_nq is not None:
+        if orientation_nq is not None:
             shapes = shapes.oriented(orientation_nq)
         return self.scene.packing.replace(position_nd=position_nd, box=box, tangential=tangential, shapes=shapes)
 
     def orientations(self) -> NDArray[np.float64] | None:
         """Return (N, q) directors, or what says how bodies are turned, in the packing's order; None without shapes."""
         shapes = self.scene.packing.shapes
-        if shapes is None:
+        if not shapes.has_orientations:
             return None
         turned = np.empty_like(shapes.orientation_nq)
         turned[self.order_n] = turns_of(self.acting.shapes)[:, : turned.shape[1]]
@@ -441,7 +440,7 @@ class Engine:
 
     def _link_rows(self) -> None:
         packing = self.scene.packing
-        if packing.links is None:
+        if not packing.links:
             return
         workable = workable_links(packing)
         wrap_nd = self.wrap_nd.astype(np.float64)
@@ -636,7 +635,7 @@ def refuse_misfits(scene: Scene) -> None:
 def _refuse_shapes(scene: Scene) -> None:
     """Refuse tangential springs of bonds, and what would take shapes for discs or spheres."""
     shapes = scene.packing.shapes
-    if shapes is None:
+    if not shapes.has_orientations:
         return
     refuse_tangential_bonds(scene.effects, shapes)
     for k, one in enumerate(scene.effects):
@@ -684,7 +683,7 @@ def build_engine(
     packing, d = scene.packing, scene.packing.dimension
     mass_n = packing.mass_n
     refuse_misfits(scene)
-    if direction_dd is not None and packing.links is not None:
+    if direction_dd is not None and packing.links:
         raise ValueError(
             "scene.packing must have no rigid links where the box deforms: they are held in a box at rest only, got "
             f"{len(packing.links)} links"
@@ -694,13 +693,13 @@ def build_engine(
     friction = next((one for one in scene.effects if isinstance(one, Friction)), None)
     bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
     shapes = packing.shapes
-    turns = friction is not None or bonds is not None or shapes is not None
+    turns = friction is not None or bonds is not None or shapes.has_orientations
     spins = 0 if not turns else 1 if d == 2 else 3
     lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
     order = space_order(packing)
     n = packing.particles
     body = aligned_rows(n, 4 + d + spins)
-    body[:, 3] = (packing.radius_n if shapes is None else shapes.reach(packing.radius_n))[order]
+    body[:, 3] = shapes.reach(packing.radius_n)[order]
     body[:, 4 : 4 + d] = velocity_nd[order]
     fraction = packing.position_nd @ packing.box.inverse_dd.T
     wrap = np.floor(fraction).astype(np.int64)
@@ -721,7 +720,7 @@ def build_engine(
             weight[held[order]] = 0.0
     if fixed_n is not None:
         body[:, 4 : 4 + d][fixed_n[order]] = held_velocity(scene.effects, n, d)[order[fixed_n[order]]]
-        if shapes is not None:
+        if shapes.has_orientations:
             body[fixed_n[order], 4 + d :] = 0.0
     small, change = packing.box.reduced()
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))

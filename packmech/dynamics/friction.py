@@ -301,9 +301,7 @@ def stiffening(packing: Packing) -> tuple[float, float]:
     Tangential ones turn particles as well as move them, with the inertia m r^2 / 2 or 2 m r^2 / 5; of other shapes this
     is their own `stiffening`.
     """
-    if packing.shapes is not None:
-        return packing.shapes.stiffening(packing.radius_n)
-    return 1.0, 3.0 if packing.dimension == 2 else 3.5
+    return packing.shapes.stiffening(packing.radius_n)
 
 
 def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:

@@ -13,7 +13,6 @@ from packmech.dynamics.friction import stiffening
 from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Beads
 
 # overlaps [1] at which the stiffness of a contact is looked up
 _OVERLAPS = (0.0, 0.1)
@@ -125,10 +124,7 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     bodies the beads touch, with their sizes. All count as often as `stiffening` says.
     """
     packing = scene.packing
-    diameter = packing.diameter_n
-    if isinstance(packing.shapes, Beads):
-        diameter = 2.0 * packing.shapes.bead_radius(packing.radius_n)
-    sizes = np.unique(diameter).tolist()
+    sizes = np.unique(2.0 * packing.shapes.site_radius(packing.radius_n)).tolist()
     steep, turned = stiffening(packing)
     stiff, damped, drag = [0.0], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]

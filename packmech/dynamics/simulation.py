@@ -252,7 +252,7 @@ class Simulation(Run):
                 ("energy drift", f"{numbers['energy_drift']:.2g}", "of the largest |potential| + kinetic energy"),
                 ("momentum error", f"{numbers['momentum_error']:.1e}", "of the sum of m |v|"),
             ]
-        if self.packing.links is not None:
+        if self.packing.links:
             rows.append(("link error", f"{numbers['link_error']:.1e}", "largest, over the length of the link"))
         rows.append(("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"))
         for name, note in _STRESS_NOTES.items() if "stress" in numbers else ():
@@ -545,7 +545,7 @@ class SimulationTask:
         self.end = 0
         self.box: Box = scene.packing.box
         self.spin_nk: NDArray[np.float64] | None = None
-        self.tension_l = np.zeros(0 if scene.packing.links is None else len(scene.packing.links))
+        self.tension_l = np.zeros(len(scene.packing.links))
 
     def begin(self, velocity_nd: NDArray[np.float64]) -> None:
         """Start with (N, d) velocities."""
@@ -696,7 +696,7 @@ class SimulationTask:
             )
             self.position_t = [position_tnd[t] for t in chosen]
             self.velocity_t = [velocity_tnd[t] for t in chosen]
-            turned = None if packing.shapes is None else packing.shapes.orientation_nq.shape
+            turned = packing.shapes.orientation_nq.shape if packing.shapes.has_orientations else None
             snapshots = snapshots_of(arrays, len(step_t), turning, d, turned)
             self.snapshots = [snapshots[t] for t in chosen]
         position_nd, velocity_nd = (
@@ -706,7 +706,7 @@ class SimulationTask:
         self.state = packing.replace(position_nd=position_nd, box=self.box).position_nd, velocity_nd
         self.tension_l = saved_array(arrays, "state_tension_l", self.tension_l.shape)
         self.spin_nk = None if turning is None else saved_array(arrays, "state_spin_nk", turning)
-        if packing.shapes is not None:
+        if packing.shapes.has_orientations:
             shape = packing.shapes.orientation_nq.shape
             self.orientation_nq = saved_array(arrays, "state_orientation_nq", shape)
         self.largest = {name: float(table["largest"][name]) for name in self.largest}

@@ -86,7 +86,7 @@ class Spans:
         clusters go along without slip at their contacts.
         """
         before = self.scene
-        if before.packing.links is not None:
+        if before.packing.links:
             tangential = before.packing.tangential
             strained = strain_box(before.packing, steps * self.dt * rate_dd).replace(tangential=tangential)
             self.scene = before.replace(packing=strained)
@@ -178,7 +178,7 @@ class Spans:
     def _engine(self, rate_dd: NDArray[np.float64]) -> Engine:
         """Return the engine of what is there now, in a box that deforms at this rate."""
         size = float(np.abs(rate_dd).max())
-        still = self.scene.packing.links is not None
+        still = bool(self.scene.packing.links)
         return build_engine(
             self.scene,
             dt=self.dt,

@@ -54,11 +54,11 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Moti
     found: list[Motion] = []
     if not len(free_n):
         return found
-    turned = stiffening(packing)[1] if packing.shapes is None else 1.0
+    turned = 1.0 if packing.shapes.has_orientations else stiffening(packing)[1]
     pair = float(free_n.max()) + float(inverse_mass_n.min())
-    if packing.particles > 1 and packing.links is None:
+    if packing.particles > 1 and not packing.links:
         pairs = [one for one in scene.effects if not is_bound(one) and not isinstance(one, Friction)]
-        if packing.shapes is None:
+        if not packing.shapes.has_orientations:
             spring, dashpot = (min(column) for column in zip(*_normal(scene, pairs), strict=True))
             found.append(Motion("the normal force of a contact", max(spring, 0.0), max(dashpot, 0.0), pair, False))
         found += [
@@ -67,7 +67,7 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Moti
             if isinstance(one, Friction) and one.coefficient > 0.0
         ]
     for one in scene.effects:
-        if isinstance(one, Bonds) and len(one) and packing.links is None:
+        if isinstance(one, Bonds) and len(one) and not packing.links:
             bond = float((inverse_mass_n[one.i_b] + inverse_mass_n[one.j_b]).max())
             rests = (float(one.rest_length_b.min()), float(one.rest_length_b.max()))
             spring = min(abs(law_second(law, r, r)) for r in rests for law in (one.compression, one.tension))

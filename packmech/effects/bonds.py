@@ -16,7 +16,6 @@ from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 from packmech.honors import honors
 from packmech.packing import Packing, images_between
-from packmech.shapes import Beads
 
 
 @bound_effect
@@ -139,9 +138,9 @@ class Bonds:
 
 
 def refuse_tangential_bonds(effects: tuple[Any, ...], shapes: Any) -> None:
-    """Refuse tangential springs and dashpots of bonds between particles with shapes (None: discs and spheres)."""
+    """Refuse tangential springs and dashpots of bonds between particles that are no discs or spheres."""
     for k, one in enumerate(effects):
-        if shapes is None or not isinstance(one, Bonds) or not len(one):
+        if not shapes.has_orientations or not isinstance(one, Bonds) or not len(one):
             continue
         if one.tangential_stiffness or one.tangential_damping:
             raise ValueError(
@@ -159,7 +158,7 @@ def _between_shapes(
     packing: Packing, rest: str, gap_tolerance: float | None
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Return which particles with shapes touch through which images, each pair once, and the lengths of their bonds."""
-    if isinstance(packing.shapes, Beads) and rest == "contact":
+    if packing.shapes.has_beads and rest == "contact":
         raise ValueError('rest must be "distance" for rigid bodies, which may touch in several places, got "contact"')
     found = find_shape_contacts(packing, gap_tolerance=gap_tolerance)
     pairs = np.column_stack([found.i_c, found.j_c, found.image_cd])
@@ -218,7 +217,7 @@ def bond_contacts(
     """
     instance("packing", packing, Packing)
     one_of("rest", rest, REST)
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         contacts = find_contacts(packing, gap_tolerance=gap_tolerance)
         i, j, image = contacts.i_c, contacts.j_c, contacts.image_cd
         length = contacts.contact_distance_c if rest == "contact" else contacts.distance_c

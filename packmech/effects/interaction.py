@@ -220,8 +220,7 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
         beyond = reach_beyond_contact(acting, packing.radius_n)
         near = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=beyond)
     pairs = pair_contacts(packing, *near)
-    if packing.links is not None and len(pairs):
-        pairs = pairs.select(~Excluded(packing).mask(pairs.i_c, pairs.j_c, pairs.image_cd))
+    pairs = pairs.select(~Excluded(packing).mask(pairs.i_c, pairs.j_c, pairs.image_cd))
     alignment, turning, bending = _alignments(packing, pairs)
     energy, first, second = np.zeros(len(pairs)), np.zeros((len(pairs), 2)), np.zeros((len(pairs), 2, 2))
     if acting:
@@ -241,7 +240,7 @@ def _alignments(
     (e_i . e_j) 1 - e_j e_i by both.
     """
     count, d, shapes = len(pairs), packing.dimension, packing.shapes
-    if shapes is None:
+    if not shapes.has_orientations:
         return np.ones(count), np.zeros((count, 0)), np.zeros((count, d, d))
     one, other = shapes.axis_nd[pairs.i_c], shapes.axis_nd[pairs.j_c]
     alignment = (one * other).sum(axis=1)

@@ -259,7 +259,7 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
 
     """
     shapes = scene.packing.shapes
-    for k, one in enumerate(scene.effects if shapes is not None else ()):
+    for k, one in enumerate(scene.effects if shapes.has_orientations else ()):
         kind = type(one)
         alone = hasattr(kind, "body_energy") or hasattr(one, "particles")
         own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)

@@ -84,7 +84,7 @@ from packmech.generate.rigid import UnionBody, beads_of, body_of, orientation_of
 from packmech.honors import LINK_TOLERANCE, honors
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
-from packmech.shapes import Beads, Bodies, Discs, Shapes, Spheroids
+from packmech.shapes import Beads, Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 
 PathLike = str | os.PathLike[str]
@@ -191,7 +191,7 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
     instance("packing", packing, Packing)
     target = target_file(path)
     ending = _ending(target)
-    links = packing.rigid_links
+    links = packing.links
     if len(links) and ending in _TEXT:
         raise ValueError(
             f"packing must have no links for {ending} files (only .npz and .gsd keep them), got {len(links)}"
@@ -201,7 +201,7 @@ def write_packing(packing: Packing, path: PathLike, *, law: Any = None) -> None:
             f"packing must have no tangential displacements for {ending} files (only .npz and .gsd keep them), "
             f"got {len(packing.tangential)}: leave them out with packing.replace(tangential=None)"
         )
-    if ending in _TEXT and not isinstance(packing.bodies, Discs):
+    if ending in _TEXT and packing.shapes.has_orientations:
         raise ValueError(
             f"packing must be of discs or spheres for {ending} files (only .npz and .gsd keep shapes), got "
             f"{type(packing.shapes).__name__}"
@@ -378,7 +378,7 @@ def _write_npz(packing: Packing, path: Path, law: Any) -> None:
     own = _arrays_of(packing)
     # the arrays that make a file one of a later version
     needs = {"link_i_l": 2, "mass_n": 3, "tangential_i_c": 4, _SPRING_BEADS: 7}
-    version = max(_SHAPES[type(packing.bodies)][1], *(needs.get(name, 1) for name in own))
+    version = max(_SHAPES[type(packing.shapes)][1], *(needs.get(name, 1) for name in own))
     arrays: dict[str, Any] = {"format_version": np.array(version), **own}
     if law is not None:
         arrays["law"] = np.array(json.dumps(to_table(law)))
@@ -393,15 +393,15 @@ def _arrays_of(packing: Packing) -> dict[str, Any]:
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
     }
-    if len(packing.rigid_links):
-        found |= {f"link_{name}": getattr(packing.rigid_links, name) for name in _LINK_ARRAYS}
+    if len(packing.links):
+        found |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
     if packing.given_mass_n is not None:
         found["mass_n"] = packing.given_mass_n
     springs = packing.tangential
     if springs is not None:
         found |= {f"tangential_{name}": getattr(springs, name) for name in _TANGENTIAL[1]}
-    prefix, _ = _SHAPES[type(packing.bodies)]
-    found |= {prefix + name: array for name, array in packing.bodies.arrays().items()}
+    prefix, _ = _SHAPES[type(packing.shapes)]
+    found |= {prefix + name: array for name, array in packing.shapes.arrays().items()}
     if springs is not None and springs.bead_c2 is not None:
         found[_SPRING_BEADS] = springs.bead_c2
     return found
@@ -506,15 +506,15 @@ def write_gsd(packing: Packing, path: Path) -> None:
     frame.particles.position = _three_axes(visible.position_nd).astype(np.float32)
     frame.particles.image = _three_axes(visible.image_nd).astype(np.int32)
     frame.particles.mass = packing.mass_n.astype(np.float32)
-    type_n = _show(packing.bodies, frame, packing)
+    type_n = _show(packing.shapes, frame, packing)
     frame.particles.types = [_type_name(k) for k in range(int(type_n.max()) + 1)]
     frame.particles.typeid = type_n.astype(np.uint32)
     own = _arrays_of(packing)
     # chunks of the links stand last; the schema has no truth values
     for name in sorted(own, key=_is_of_links):
         frame.log[_LOG + name] = own[name].astype(np.uint8) if name == "link_shape_l" else own[name]
-    if len(packing.rigid_links):
-        _show_links(frame, packing.rigid_links)
+    if len(packing.links):
+        _show_links(frame, packing.links)
     with gsd.hoomd.open(str(path), "w") as file:
         file.append(frame)
 
@@ -528,7 +528,7 @@ def _is_of_links(name: str) -> bool:
 
 
 @functools.singledispatch
-def _show(bodies: Bodies, frame: Any, packing: Packing) -> NDArray[np.int64]:
+def _show(shapes: Shapes, frame: Any, packing: Packing) -> NDArray[np.int64]:
     """Give the frame sizes, shapes of particle types and orientations; return the type of each particle.
 
     Here of discs and spheres; other shapes are registered below.
@@ -785,7 +785,7 @@ def _left_out(frame: Any, seen: Packing, own_log: set[str]) -> list[str]:
     """Return what the frame holds and a packing has no place for."""
     particles = frame.particles
     found = [words for words, name, none in _NO_PLACE if (np.asarray(getattr(particles, name)) != none).any()]
-    round_ = isinstance(seen.bodies, Discs)
+    round_ = not seen.shapes.has_orientations
     if round_ and (np.asarray(particles.orientation) != [1.0, 0.0, 0.0, 0.0]).any():
         found.append("orientations (its types have no shape that could turn)")
     diameter = np.asarray(particles.diameter)
@@ -909,7 +909,7 @@ def read_gsd(path: Path, frame: int | None = None) -> tuple[Packing, list[str]]:
     if "link_shape_l" in own:
         own["link_shape_l"] = own["link_shape_l"].astype(bool)
     exact = _packing_in(own)
-    if not (_agree(exact, seen) and _same_links(exact.rigid_links, found.constraints)):
+    if not (_agree(exact, seen) and _same_links(exact.links, found.constraints)):
         raise ValueError("its log/packmech chunks and its visible particles must be one packing, got two that differ")
     return exact, left_out
 
@@ -930,13 +930,13 @@ def _agree(exact: Packing, seen: Packing) -> bool:
     """Return whether the visible packing is the exact one rounded to single precision."""
     if (exact.particles, exact.dimension) != (seen.particles, seen.dimension):
         return False
-    if type(exact.bodies) is not type(seen.bodies) or not np.array_equal(exact.bodies.start_n, seen.bodies.start_n):
+    if type(exact.shapes) is not type(seen.shapes) or not np.array_equal(exact.shapes.start_n, seen.shapes.start_n):
         return False
-    turned, arm = _visible_directions(exact, exact.bodies.arms(exact.radius_n)), seen.bodies.arms(seen.radius_n)
-    if np.abs(turned - arm).max() > _SINGLE * float(exact.bodies.reach(exact.radius_n).max()):
+    turned, arm = _visible_directions(exact, exact.shapes.arms(exact.radius_n)), seen.shapes.arms(seen.radius_n)
+    if np.abs(turned - arm).max() > _SINGLE * float(exact.shapes.reach(exact.radius_n).max()):
         return False
-    aspect, other = (along / across for along, across in (one.bodies.semi_axes(one.radius_n) for one in (exact, seen)))
-    along = np.abs((_visible_directions(exact, exact.bodies.axis_bd) * seen.bodies.axis_bd).sum(axis=1))
+    aspect, other = (along / across for along, across in (one.shapes.semi_axes(one.radius_n) for one in (exact, seen)))
+    along = np.abs((_visible_directions(exact, exact.shapes.axis_bd) * seen.shapes.axis_bd).sum(axis=1))
     if not (np.allclose(aspect, other, rtol=_SINGLE) and (along[aspect != 1.0] > 1.0 - _SINGLE).all()):
         return False
     visible = _visible(exact)

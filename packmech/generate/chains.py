@@ -763,7 +763,7 @@ def _grown(
 
 def _spread(packing: Packing, box: Box) -> Packing:
     """Return the packing with its box, and the centers of its chains, scaled to another box of the same shape."""
-    links = packing.rigid_links
+    links = packing.links
     offset, _ = image_offsets(links, packing.particles)
     apart = np.einsum("de,ne->nd", packing.box.lattice_dd, offset)
     cluster = links.clusters(packing.particles)

@@ -192,10 +192,10 @@ def scattered_packing(
     radius, n, d = packing.radius_n, packing.particles, packing.dimension
     no_own_images("packing", packing)
     box = box_for(radius, fraction, packing.box.lattice_dd, shared_volume(packing))
-    links = packing.rigid_links
+    links = packing.links
     if not len(links):
         position = np.einsum("de,ne->nd", box.lattice_dd, rng.random((n, d)))
-        shapes = packing.bodies.oriented(rng.standard_normal(packing.bodies.orientation_nq.shape))
+        shapes = packing.shapes.oriented(rng.standard_normal(packing.shapes.orientation_nq.shape))
         return packing.replace(position_nd=position, box=box, shapes=shapes)
     offset, winding = image_offsets(links, n)
     if winding.any():

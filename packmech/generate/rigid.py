@@ -13,7 +13,7 @@ from packmech.contacts.fused_volume import union_moments
 from packmech.honors import honors
 from packmech.links import image_offsets
 from packmech.packing import Packing
-from packmech.shapes import Beads, Discs
+from packmech.shapes import Beads
 
 # components of places smaller than this, relative to the body's radius, have no sign
 _NO_SIDE = 1e-6
@@ -116,9 +116,9 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
 
     """
     instance("packing", packing, Packing)
-    if not isinstance(packing.bodies, Discs):
+    if packing.shapes.has_orientations:
         raise ValueError(f"packing must be one of discs or spheres, got {type(packing.shapes).__name__}")
-    links = packing.rigid_links
+    links = packing.links
     position = packing.position_nd + image_offsets(links, packing.particles)[0] @ packing.box.lattice_dd.T
     if body_n is None:
         if not len(links):
@@ -173,4 +173,4 @@ def bead_packing(packing: Packing) -> Packing:
     if not isinstance(shapes, Beads):
         raise ValueError(f"packing must be one of rigid bodies (pm.Beads), got {type(shapes).__name__}")
     place = packing.position_nd[shapes.particle_b] + shapes.arms(packing.radius_n)
-    return Packing(place, shapes.bead_radius(packing.radius_n), packing.box)
+    return Packing(place, shapes.site_radius(packing.radius_n), packing.box)

@@ -164,7 +164,7 @@ def settle(
 
 def undecided(packing: Packing, answer: Answer) -> Answer:
     """Return the answer, ambiguous where a motion that links admit is blocked at second order, by the forces."""
-    if packing.links is None or answer.verdict != NOT_JAMMED:
+    if not packing.links or answer.verdict != NOT_JAMMED:
         return answer
     if answer.stable is None and answer.unjamming_motion is not None:
         return replace(answer, reason=f"{answer.reason}; to first order only: links may block it at second")
@@ -303,7 +303,7 @@ def classify_jamming(
     instance("packing", packing, Packing)
     no_tangential("packing", packing)
     no_own_images("packing", packing)
-    if packing.shapes is not None and not packing.shapes.turns_n.any():
+    if packing.shapes.has_orientations and not packing.shapes.turns_n.any():
         packing = packing.replace(shapes=None)
         scene = None if scene is None else scene.replace(packing=packing)
     one_of("method", method, METHODS)
@@ -318,7 +318,7 @@ def classify_jamming(
     integer("seed", seed, at_least=0)
     if method == "loads" and solver == "highs":
         bound = "box"
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         if contacts is not None:
             raise ValueError(f"contacts must be left out for {type(packing.shapes).__name__}, got {len(contacts)}")
         with single_thread():
@@ -375,7 +375,7 @@ def classify_jamming(
         solver,
         strain,
         time.process_time() - start,
-        None if packing.links is None else packing.links.clusters(packing.particles),
+        packing.cluster_n if packing.links else None,
         bound if method == "loads" else None,
     )
 
@@ -395,7 +395,7 @@ def _local(judged: Judged, selection: ContactSelection, rest: RestCheck | None) 
 
 def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: BoxStrain, gap_tolerance: float) -> bool:
     """Return whether the Hessian is positive, in packings with links on the backbone as it was judged."""
-    if scene.packing.links is None:
+    if not scene.packing.links:
         return is_stable(scene, strain=strain, gap_tolerance=gap_tolerance)
     if rattling_n.all():
         return False

@@ -182,7 +182,7 @@ def advance(
     target = direction.times(step)
     ahead = rules.mended(target.apply(packing), volume)
     free = rules.kept(ahead)
-    if free and not len(packing.rigid_links):
+    if free and not len(packing.links):
         return ahead, direction.ahead(step), step
     reach = target.size(scale)
     wanted = target if free else rules.still(nearest(packing, target, rules, reach))
@@ -224,7 +224,7 @@ def nearest(packing: Packing, target: Direction, rules: Rules, reach: float) -> 
     near = find_contacts(packing, gap_tolerance=4.0 * reach * (1.0 / smallest + 1.0 / rules.scale))
     links = link_pairs(packing)
     room_c = near.distance_c - rules.floor_c(near)
-    wrong_l = packing.rigid_links.length_l - links.distance_c
+    wrong_l = packing.links.length_l - links.distance_c
     # numbers of order one for the solver: lengths in units of the step, or of the errors to be mended
     unit = max(target.size(rules.scale), float(np.abs(wrong_l).max(initial=0.0)), float(-room_c.min(initial=0.0)))
 

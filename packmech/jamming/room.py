@@ -16,7 +16,6 @@ from packmech.jamming.hard_packing import clusters
 from packmech.linalg.linear_programs import LinearProgram, solve_highs
 from packmech.packing import Packing
 from packmech.result import Outcome
-from packmech.shapes import Beads
 
 # pairs are looked at within this reach beyond contact [contact distance]
 NEAR = 0.1
@@ -79,15 +78,12 @@ def _within_reach(packing: Packing, member_n: NDArray[np.bool_], trust: float) -
 
     A pair is tight up to the room that is enough.
     """
-    d, shapes = packing.dimension, packing.shapes
-    way = math.sqrt(d)
-    if isinstance(shapes, Beads):
-        # beads go round their bodies' centers, other shapes turn within the discs or spheres that hold them
-        turn = np.sqrt((packing.turn_nkt**2).sum(axis=(1, 2)))
-        way += math.sqrt(d) * float((turn * shapes.reach(packing.radius_n)).max())
+    # beads go round their bodies' centers, other shapes turn within the discs or spheres that hold them
+    turn = np.sqrt((packing.turn_nkt**2).sum(axis=(1, 2))) * packing.shapes.sweep(packing.radius_n)
+    way = math.sqrt(packing.dimension) * (1.0 + float(turn.max()))
     skin, scale = 2.0 * way * trust, 1.0 + _ROOM
     pairs = search_pairs(packing, scale, skin)
-    owner = packing.bodies.particle_b
+    owner = packing.shapes.particle_b
     keep = member_n[owner[pairs.i_c]] | member_n[owner[pairs.j_c]]
     return measure_pairs(packing, Candidates(*(part[keep] for part in pairs)))
 
@@ -122,7 +118,7 @@ def _apart(packing: Packing, member_n: NDArray[np.bool_]) -> tuple[Packing, list
         way_g = np.zeros(len(names))
         np.maximum.at(way_g, group_n[member_n], np.abs(u_nq[member_n]).max(axis=1))
         stuck_g = ~better_g
-        if packing.shapes is not None:
+        if packing.shapes.has_orientations:
             # distances of other shapes bend both ways: nearer by they are straight
             stuck_g &= (trust_g < _STRAIGHT) | (way_g == 0.0)
         done_g = stuck_g | (better_g & ((reached_g > _ROOM) | (reached_g - room_g < 1e-14))) | (left == 1)

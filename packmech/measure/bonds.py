@@ -103,7 +103,7 @@ def with_bonds_as_links(packing: Packing, effects: tuple[Any, ...]) -> Packing:
         return packing
     length = pair_contacts(packing, bonds.i_b, bonds.j_b, bonds.image_bd).distance_c
     links = Links(bonds.i_b, bonds.j_b, bonds.image_bd, length)
-    return packing.replace(links=links if packing.links is None else packing.links.joined(links))
+    return packing.replace(links=packing.links.joined(links))
 
 
 def refuse_tangential_springs(effects: tuple[Any, ...]) -> None:

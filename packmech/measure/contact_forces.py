@@ -151,7 +151,7 @@ class ContactForces:
     @property
     def tension_l(self) -> NDArray[np.float64]:
         """The (L,) forces in the rigid links, as `link_tension` gives them [force]."""
-        return np.zeros(0) if self.scene.packing.links is None else self._links[1]
+        return self._links[1]
 
     @property
     def mean_force(self) -> float:
@@ -180,10 +180,9 @@ class ContactForces:
         Without friction discs and spheres feel no torque, and those on others count over their radii of gyration.
         """
         packing, force = self.scene.packing, self.force_nd
-        if packing.links is not None:
-            links, tension = self._links
-            pull = links.pairs.normal_cd * tension[:, None]
-            force = self._free(force + sum_both(links.pairs, pull, -pull))
+        links, tension = self._links
+        pull = links.pairs.normal_cd * tension[:, None]
+        force = self._free(force + sum_both(links.pairs, pull, -pull))
         turning = np.einsum("nkt,nt->nk", packing.turn_nkt, self.torque_nk[:, : packing.turn_nkt.shape[2]])
         if friction_of(self.scene) is not None:
             turning = self.torque_nk / packing.radius_n[:, None]
@@ -200,9 +199,6 @@ class ContactForces:
     @property
     def link_stress_dd(self) -> NDArray[np.float64]:
         """The (d, d) stress that rigid links bear [energy/length^d]."""
-        d = self.contacts.dimension
-        if self.scene.packing.links is None:
-            return np.zeros((d, d))
         links, tension = self._links
         return contact_stress(links.pairs, tension, self.scene.packing.box.volume)
 
@@ -278,7 +274,7 @@ class ContactForces:
         """
         d, held = self.contacts.dimension, ~self.rattlers_n
         links, count = self.scene.packing.links, max(int(held.sum()), 1)
-        linked = 0 if links is None else int((held[links.i_l] & held[links.j_l]).sum())
+        linked = int((held[links.i_l] & held[links.j_l]).sum())
         if not _coefficient(self.scene) > 0.0:
             turns = int((self.scene.packing.turn_nkt[held] != 0.0).any(axis=2).sum())
             return 2.0 * (d + (turns - linked) / count)
@@ -356,8 +352,7 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
     `second` asks for the curvatures of their distances, too.
     """
     instance("scene", scene, Scene)
-    if scene.packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
+    refuse_unknown_to_shapes(scene)
     contacts = unbonded(touching_pairs(scene.packing, second=second), scene.effects)
     terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
     # 0 - u', so that a contact without a force has 0 and not -0
@@ -377,7 +372,7 @@ class SinglePush(NamedTuple):
 def single_push(scene: Scene) -> SinglePush:
     """Return the forces and torques of what acts on single particles: walls turn shapes, all else turns nothing."""
     packing, d = scene.packing, scene.packing.dimension
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         terms = single_terms(scene.effects, packing)
         return SinglePush(terms.force_nd, np.zeros((packing.particles, 1 if d == 2 else 3)), terms)
     shaped = shaped_terms(scene.effects, packing)
@@ -455,6 +450,6 @@ def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
     if packing.tangential is not None or friction_of(scene) is not None:
         unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
         return contact_forces(scene.replace(effects=unbonded)).rattlers_n
-    if packing.links is not None and not acts_on_single(effects):
+    if packing.links and not acts_on_single(effects):
         return find_rattling_clusters(packing).rattling_n
     return rattlers_among(packing, touching_pairs(packing, None), effects)

@@ -17,10 +17,7 @@ from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
-from packmech.shapes import Shapes, Spheroids
 
-# moments of the beads about two axes nearer than this, relative to the larger, leave the long axis open
-_ROUND = 1e-9
 # harmonics up to this degree have Wigner symbols and factorials that double precision carries
 _HIGHEST = 40
 
@@ -60,21 +57,6 @@ class NematicOrder:
         return f"NematicOrder of {len(self.direction_nd)} directors: {self.order:.6g} along ({along}){without}"
 
 
-def _long_axes(shapes: Shapes) -> NDArray[np.float64]:
-    """Return the (N', d) directors of the particles that have one, of bodies of beads the axis of greatest extent."""
-    if isinstance(shapes, Spheroids):
-        return shapes.director_nd[shapes.turns_n]
-    weight = shapes.size_b**shapes.dimension
-    spread = weight[:, None, None] * shapes.offset_bd[:, :, None] * shapes.offset_bd[:, None, :]
-    moment = np.add.reduceat(spread, shapes.start_n[:-1], axis=0)[shapes.turns_n]
-    value, vector = np.linalg.eigh(moment)
-    if (value[:, -1] - value[:, -2] <= _ROUND * value[:, -1]).any():
-        n = int(np.flatnonzero(shapes.turns_n)[np.argmin(value[:, -1] - value[:, -2])])
-        raise ValueError(f"packing.shapes must have one long axis each, got none for particle {n}")
-    frames = shapes.frames()[shapes.turns_n]
-    return np.asarray((frames * vector[:, None, :, -1]).sum(axis=2))
-
-
 @honors("links shapes", packing_only=True)
 def nematic_order(packing: Packing) -> NematicOrder:
     """Return the nematic order of the directors of ellipses, spheroids, or bodies of beads.
@@ -104,9 +86,9 @@ def nematic_order(packing: Packing) -> NematicOrder:
 
     """
     instance("packing", packing, Packing)
-    if packing.shapes is None or not packing.shapes.turns_n.any():
+    direction = packing.shapes.long_axes()
+    if not len(direction):
         raise ValueError("packing must have shapes with a director, got discs or spheres")
-    direction = _long_axes(packing.shapes)
     d = packing.dimension
     with single_thread():
         mean = direction.T @ direction / len(direction)

@@ -86,7 +86,7 @@ def rattlers_among(
     pressed = not all(isinstance(one, Walls) for one in single_effects(effects))
     turns = turns_of(packing.turn_nkt) | (rough is not None)
     pulls = _interaction_ends(packing, effects)
-    if pressed or (turns.any() and len(packing.rigid_links)):
+    if pressed or (turns.any() and len(packing.links)):
         held |= contacts.count_n() > 0
         held[walls.body_e] = held[pulls.body_e] = True
         return np.asarray(np.bincount(cluster, held)[cluster] == 0)
@@ -138,7 +138,7 @@ def rattling_particles(packing: Packing, contacts: Contacts | ShapeContacts) -> 
 
     Links to rattlers still count: what they admit, and no more, is a motion.
     """
-    if packing.links is None:
+    if not packing.links:
         return rattlers_of(contacts)
     assert isinstance(contacts, Contacts)
     with single_thread():
@@ -499,13 +499,12 @@ def remove_rattlers(
 def without(packing: Packing, rattling_n: NDArray[np.bool_]) -> tuple[Packing, NDArray[np.int64]]:
     """Return the packing without the named particles and their links, and the numbers that the others had before."""
     kept = np.flatnonzero(~rattling_n)
-    if packing.links is not None:
-        packing = packing.replace(links=_with_inner_links(packing, packing.links, rattling_n))
-    return packing.select(kept), kept
+    return packing.replace(links=_with_inner_links(packing, rattling_n)).select(kept), kept
 
 
-def _with_inner_links(packing: Packing, links: Links, rattling_n: NDArray[np.bool_]) -> Links:
+def _with_inner_links(packing: Packing, rattling_n: NDArray[np.bool_]) -> Links:
     """Return the links, and shape links for the distances that held particles have by way of those taken out."""
+    links = packing.links
     ends = np.stack([links.i_l, links.j_l], axis=1)
     between = np.flatnonzero(rattling_n[ends].all(axis=1))
     part = links.select(between).clusters(packing.particles) if len(between) else np.arange(packing.particles)
@@ -523,7 +522,6 @@ def _with_inner_links(packing: Packing, links: Links, rattling_n: NDArray[np.boo
         return links
     i, j, image = (np.array(column) for column in zip(*found, strict=True))
     vector = packing.position_nd[j] - packing.position_nd[i] + image @ packing.box.lattice_dd.T
-    assert links.shape_l is not None
     return Links(
         np.concatenate([links.i_l, i]),
         np.concatenate([links.j_l, j]),

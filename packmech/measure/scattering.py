@@ -21,7 +21,6 @@ from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
 from packmech.measure.structure import species_of
 from packmech.packing import Packing
-from packmech.shapes import Spheroids
 
 # particles at a time: the phases of their places then stay in the cache
 _BLOCK = 64
@@ -329,7 +328,7 @@ def spectral_density(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float6
     """
     waves = _Waves(packing, index_kd)
     shapes, d = packing.shapes, packing.dimension
-    if shapes is not None and not isinstance(shapes, Spheroids):
+    if shapes.has_beads:
         raise ValueError(
             f"packing must be of discs, spheres, ellipses or spheroids for pm.spectral_density, got "
             f"{type(shapes).__name__}: ask pm.structure_factor for their centers"
@@ -337,7 +336,7 @@ def spectral_density(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float6
     unit = math.pi if d == 2 else 4.0 * math.pi / 3.0
     length_k = np.linalg.norm(waves.vector_kd, axis=1)
     radius, place = np.unique(packing.radius_n, return_inverse=True)
-    if shapes is None and len(radius) <= 16:
+    if not shapes.has_orientations and len(radius) <= 16:
         total = np.zeros(len(length_k), np.complex128)
         for s, one in enumerate(radius):
             total += unit * one**d * _form(length_k * one, d) * waves.density(place.reshape(-1) == s)
@@ -346,13 +345,10 @@ def spectral_density(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float6
         rows = max(1, _WEIGHTS // packing.particles)
         for first in range(0, len(length_k), rows):
             vector = waves.vector_kd[first : first + rows]
-            if shapes is None:
-                q = length_k[first : first + rows, None] * packing.radius_n
-            else:
-                along, across = shapes.semi_axes(packing.radius_n)
-                square = (vector**2).sum(axis=1)[:, None]
-                part = (vector[:, None, :] * shapes.director_nd).sum(axis=2) ** 2
-                q = np.sqrt(along**2 * part + across**2 * np.maximum(square - part, 0.0))
+            along, across = shapes.semi_axes(packing.radius_n)
+            square = (vector**2).sum(axis=1)[:, None]
+            part = (vector[:, None, :] * shapes.axis_nd).sum(axis=2) ** 2
+            q = np.sqrt(along**2 * part + across**2 * np.maximum(square - part, 0.0))
             weight = unit * packing.radius_n**d * _form(q, d)
             parts.append(waves.density(weight_kn=np.ascontiguousarray(weight), first=first))
         total = np.concatenate(parts)

@@ -92,6 +92,5 @@ def wall_contacts(scene: Scene) -> WallContacts:
 
     """
     instance("scene", scene, Scene)
-    if scene.packing.shapes is not None:
-        refuse_unknown_to_shapes(scene)
+    refuse_unknown_to_shapes(scene)
     return wall_contacts_of(scene.effects, scene.packing)

@@ -295,7 +295,7 @@ def complex_modulus(
     if not any(len(one.pairs) for one in found):
         raise ValueError("scene must have contacts or bonds, got none")
     # bonds of other shapes than discs and spheres turn none
-    surfaces = Friction | Bonds if packing.shapes is None else Friction
+    surfaces = Friction if packing.shapes.has_orientations else Friction | Bonds
     turn = packing.spin_nkk if any(isinstance(one, surfaces) for one in scene.effects) else packing.turn_nkt
     network = network_among(packing, touching.pairs, np.ones(n, dtype=bool), scene.effects, turn)
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]

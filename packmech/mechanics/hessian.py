@@ -204,7 +204,7 @@ def dynamical_matrix(
     scale = scale_of_strain(scene.packing, strain_scale)
     full = hessian(scene, strain, kind, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
     dimension = scene.packing.dimension
-    if scene.packing.links is not None:
+    if scene.packing.links:
         links, held = ConstraintFactor(scene.packing), held_particles(scene.effects, scene.packing.particles)
         if held is None:
             basis = motion_basis(

@@ -175,7 +175,7 @@ def stability_bound(stiffest: float, unbalanced: float, radius: float) -> float:
 def _unknown(scene: Scene) -> str:
     """Return why there is no second derivative, or nothing where there is one."""
     lacking = lacking_second(scene.effects)
-    if lacking and scene.packing.shapes is not None:
+    if lacking and scene.packing.shapes.has_orientations:
         # pairs are checked where an effect is registered
         return f"{type(lacking[0]).__qualname__} has no body_second"
     return ""
@@ -204,7 +204,7 @@ def _whole(scene: Scene) -> Network:
     """Return all particles with their contacts, but for those between held ones."""
     packing, effects = scene.packing, scene.effects
     network = contact_network(packing, effects, rattlers="keep")
-    links = packing.rigid_links
+    links = packing.links
     if len(links) and (links.i_l != links.j_l).all():
         # refuses links that hold to second order only, whose forces are not determined
         network = replace(network, links=ConstraintFactor(packing, workable_links(packing)))

@@ -14,7 +14,7 @@ from packmech.check import finite_array, instance, integer, one_of, positive, re
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
 from packmech.honors import declare
-from packmech.links import Links, image_offsets
+from packmech.links import image_offsets
 from packmech.measure.counting import packing_fraction
 from packmech.mechanics.stability import stability
 from packmech.minimize import batch_kernels as kernels
@@ -27,7 +27,6 @@ from packmech.minimize.program import OUTCOME_OF, Program, build_program
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
-from packmech.shapes import Beads
 
 # whether a status code is a success
 _SUCCESS = np.array([OUTCOME_OF[code].ok for code in sorted(OUTCOME_OF)])
@@ -55,11 +54,9 @@ def bodies_of(program: Program) -> kernels.Bodies:
     n, d = packing.particles, packing.dimension
     links = program.space.links
     offset, rows = np.zeros((n, 3)), len(program.row)
-    shapes = packing.shapes
-    if packing.links is None or links is None:
+    if links is None:
         cluster, winding, freedom = np.arange(n), np.zeros(n, dtype=np.bool_), np.full(n, d)
-        if shapes is not None:
-            freedom += (shapes.turn_basis(packing.radius_n) != 0.0).any(axis=2).sum(axis=1)[program.order_n]
+        freedom += (packing.turn_nkt != 0.0).any(axis=2).sum(axis=1)[program.order_n]
     else:
         cluster = packing.links.clusters(n)[program.order_n]
         _, offsets = row_links(packing.links, program.order_n, program.wrap_nd, program.change_dd)
@@ -201,7 +198,7 @@ class QuenchBatch:
         # unstable directions where packings are now; None until `outcome` is called
         self._negative_b: list[int | None] = [None] * self.batch
         self._packings: Any = None
-        self._turns_in_space = isinstance(scene.packing.shapes, Beads) and scene.packing.dimension == 3
+        self._turns_in_space = scene.packing.shapes.has_beads and scene.packing.dimension == 3
         # the minimizer's state of each packing
         self._number_bk: list[NDArray[np.float64]] = []
         self._all = np.arange(self.batch)
@@ -234,8 +231,8 @@ class QuenchBatch:
                 f"packing must have {own.particles} particles in {own.dimension} dimensions, "
                 f"got {packing.particles} in {packing.dimension}"
             )
-        if (packing.links is None) != (own.links is None):
-            raise ValueError(f"packing must have links just if the scene's has, got {packing.links!r:.60}")
+        if bool(packing.links) != bool(own.links):
+            raise ValueError(f"packing must have links just if the scene's has, got {len(packing.links)}")
         if type(packing.shapes) is not type(own.shapes):
             raise ValueError(
                 f"packing must have shapes of the kind of the scene's, {type(own.shapes).__name__}, "
@@ -244,7 +241,7 @@ class QuenchBatch:
         instance("relax", relax, bool)
         program = build_program(self.scene.replace(packing=packing))
         apart = 0
-        if own.shapes is not None:
+        if own.shapes.has_orientations:
             packing, apart = separate(program, packing)
             program.put(packing)
         relax_deep_overlaps(program)
@@ -469,10 +466,8 @@ class QuenchBatch:
         old = self._programs[b]
         packing = self.packing(b)
         box, change = packing.box.reduced()
-        links = packing.links
-        if links is not None:
-            back = np.rint(np.linalg.inv(change)).astype(np.int64)
-            links = Links(links.i_l, links.j_l, links.image_ld @ back.T, links.length_l, links.shape_l)
+        back = np.rint(np.linalg.inv(change)).astype(np.int64)
+        links = packing.links.at_images(packing.links.image_ld @ back.T)
         program = build_program(self.scene.replace(packing=packing.replace(box=box, links=links).wrapped()))
         velocity, n = np.empty_like(old.velocity_nd), packing.particles
         velocity[old.order_r] = old.velocity_nd

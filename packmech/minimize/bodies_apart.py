@@ -16,7 +16,6 @@ from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.links_apart import separate_links
 from packmech.minimize.program import Program, build_program
 from packmech.packing import Packing
-from packmech.shapes import Beads
 
 # relative overlaps of beads up to which bodies do not pass through each other [1]
 SHALLOW = 0.25
@@ -32,6 +31,11 @@ def deep_overlaps(packing: Packing) -> int:
     deep = contacts.overlap_c > SHALLOW
     pairs = np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd])[deep]
     return len(np.unique(pairs, axis=0))
+
+
+def report_of_bodies(packing: Packing) -> dict[str, int]:
+    """Return the number of deep overlaps of rigid bodies, as runs report it; nothing of other particles."""
+    return {"deep_overlaps": deep_overlaps(packing)} if packing.shapes.has_beads else {}
 
 
 def separate(
@@ -51,7 +55,7 @@ def separate(
         Called now and then: raises where time is up.
 
     """
-    if not isinstance(packing.shapes, Beads):
+    if not packing.shapes.has_beads:
         limit = {} if step_limit is None else {"step_limit": step_limit}
         return separate_links(program, packing, **limit, look=look)
     radius, size = packing.radius_n, 1.0
@@ -60,7 +64,7 @@ def separate(
     while size > _SMALLEST and deep_overlaps(packing.replace(radius_n=size * radius)):
         size *= _SMALLER
     shapes = packing.shapes
-    slender = float((shapes.reach(1.0)[shapes.particle_b] / shapes.size_b).max())
+    slender = float((shapes.reach(radius)[shapes.particle_b] / shapes.site_radius(radius)).max())
     steps = 0
     while size < 1.0:
         if look is not None:

@@ -52,12 +52,10 @@ def separate_links(
         return packing, 0
     if program.evaluate(packing.position_nd, packing.box.lattice_dd).deepest_overlap < _SHALLOW:
         return packing, 0
-    links = packing.links
-    assert links is not None
     near = _Near(packing)
     constraints = ConstraintFactor(packing, workable_links(packing))
     apart = _APART * float(packing.diameter_n.mean())
-    cluster = links.clusters(packing.particles)
+    links, cluster = packing.links, packing.cluster_n
     farthest = _FARTHEST * float(packing.diameter_n.min())
     steps = min(step_limit, _STEPS)
     for step in range(steps):
@@ -92,7 +90,7 @@ def separate_links(
 def _links_can_cross(packing: Packing) -> bool:
     """Return whether links can cross: there are bonds, in two dimensions, not much longer than the box."""
     links = packing.links
-    if links is None or packing.dimension != 2 or links.shape_l.all():
+    if packing.dimension != 2 or links.shape_l.all():
         return False
     return bool(links.length_l[~links.shape_l].max() < 2.0 * packing.box.height_d.min())
 
@@ -122,7 +120,6 @@ class _Near:
 def _barrier(packing: Packing, near: NearLinks, apart: float, stiffness: float) -> NDArray[np.float64]:
     """Return the forces (N, 2) that push links apart."""
     links = packing.links
-    assert links is not None
     place, along = link_ends(packing, near)
     share = np.clip((place * along).sum(axis=2) / (along**2).sum(axis=2), 0.0, 1.0)
     away = place - share[:, :, None] * along

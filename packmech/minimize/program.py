@@ -198,8 +198,6 @@ class Program:
     def coordinates_of(self, packing: Packing) -> NDArray[np.float64]:
         """Return the (R, d) coordinates at which the program's particles are as in a packing."""
         shapes = self.scene.packing.shapes
-        if shapes is None:
-            return packing.position_nd
         return np.concatenate([packing.position_nd, shapes.coordinates(packing.shapes, packing.radius_n)])
 
     def packing(self) -> Packing:
@@ -209,9 +207,7 @@ class Program:
     def packing_at(self, coordinate_rd: NDArray[np.float64], box: Box) -> Packing:
         """Return the packing with given coordinates in a box."""
         packing, n = self.scene.packing, len(self.order_n)
-        shapes = packing.shapes
-        if shapes is not None:
-            shapes = shapes.at_coordinates(coordinate_rd[n:], packing.radius_n)
+        shapes = packing.shapes.at_coordinates(coordinate_rd[n:], packing.radius_n)
         return packing.replace(position_nd=coordinate_rd[:n], box=box, shapes=shapes)
 
     def place(self, coordinate_rd: ArrayLike, lattice_dd: ArrayLike | None = None) -> None:
@@ -266,7 +262,7 @@ class Program:
     def link_rows(self) -> None:
         """Compile the links again, for the lattice vectors that the loops use."""
         packing = self.scene.packing
-        if packing.links is not None:
+        if packing.links:
             _, links = compile_links(packing, workable_links(packing), self.order_n, self.wrap_nd, self.change_dd)
             self.space = self.space._replace(links=links)
 
@@ -599,11 +595,10 @@ def build_program(scene: Scene) -> Program:
         wrap = np.floor(fraction)
     effects = (*effects, *bonds_of_rows(scene, order, wrap), *single)
     shapes = packing.shapes
-    rows = packing.particles * (1 if shapes is None else 2)
+    rows = packing.particles + len(shapes.coordinates(shapes, packing.radius_n))
     effects = (*effects, *shape_rows(packing, order))
     row = np.zeros((rows, 4))
-    reach = packing.radius_n if shapes is None else shapes.reach(packing.radius_n)
-    row[: packing.particles, 3] = reach[order]
+    row[: packing.particles, 3] = shapes.reach(packing.radius_n)[order]
     small, change = packing.box.reduced()
     sizes = size_levels(row[: packing.particles, 3].copy())
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))

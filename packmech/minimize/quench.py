@@ -29,7 +29,7 @@ from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
 from packmech.measure.bonds import bonds_of
 from packmech.mechanics.stability import Stability, stability
-from packmech.minimize.bodies_apart import deep_overlaps, separate
+from packmech.minimize.bodies_apart import report_of_bodies, separate
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.lbfgs import LBFGS
 from packmech.minimize.minimizers import check_minimizer
@@ -40,7 +40,6 @@ from packmech.observables import State, measure_added
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
-from packmech.shapes import Beads
 
 # the default route hands over to Newton's method here, where contacts no longer change
 _HAND_OVER = 1e-6
@@ -208,8 +207,7 @@ class _Descent:
         self.loop = RunLoop(settings)
         self.began = time.process_time()
         self.scene = scene
-        if scene.packing.shapes is not None:
-            refuse_unknown_to_shapes(scene)
+        refuse_unknown_to_shapes(scene)
         self.program = build_program(scene)
         self.build_seconds = time.process_time() - self.began
         self.step_limit = settings.step_limit
@@ -425,8 +423,7 @@ class _Descent:
 
 def _displaced(packing: Packing, direction_nq: NDArray[np.float64]) -> Packing:
     """Return the packing after displacements and turns, its links at their lengths."""
-    moved = packing.moved(direction_nq)
-    return moved if packing.links is None else ConstraintFactor(packing, workable_links(packing)).projected(moved)
+    return ConstraintFactor(packing, workable_links(packing)).projected(packing.moved(direction_nq))
 
 
 def find_crossings(packing: Packing) -> set[tuple[int, ...]] | None:
@@ -449,10 +446,8 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
 
     Links in two dimensions only.
     """
-    if isinstance(end.shapes, Beads):
-        return {"deep_overlaps": deep_overlaps(end)}
-    if end.links is None or end.dimension != 2:
-        return {}
+    if not end.links or end.dimension != 2:
+        return report_of_bodies(end)
     # the lists stand in one order, and images are those of the positions as they are in both
     before, after = find_crossings(start), find_crossings(end)
     if before is None or after is None:
@@ -462,8 +457,8 @@ def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
 
 def orientations_of(packings: Sequence[Packing]) -> NDArray[np.float64] | None:
     """Return the (T, N, q) orientations of packings with shapes; None of others."""
-    found = [one.shapes.orientation_nq for one in packings if one.shapes is not None]
-    return np.array(found) if found else None
+    found = np.array([one.shapes.orientation_nq for one in packings])
+    return found if found.size else None
 
 
 class _TraceBuilder:

@@ -31,25 +31,19 @@ from packmech.shapes import Beads, Shapes, Spheroids
 _DENSER, _QUENCHED, _QUENCH_STEPS = 1.003, 1e-4, 1_000_000
 
 
-def _spheroids(packing: Packing, aspect: float, rng: np.random.Generator | None) -> Spheroids:
-    """Return ellipses or spheroids of an aspect, with the directors of the packing or, for discs, with random ones."""
-    if isinstance(packing.shapes, Spheroids):
-        director = packing.shapes.director_nd
-    else:
-        director = generator_of(None, rng).standard_normal(packing.position_nd.shape)
-    return Spheroids(np.full(packing.particles, aspect), director)
+def _reshaped(packing: Packing, aspect: float, beads: int | None, rng: np.random.Generator | None) -> Shapes:
+    """Return ellipses or spheroids of an aspect, or straight rows of beads, turned as the particles of the packing are.
 
-
-def _rows(packing: Packing, aspect: float, beads: int, rng: np.random.Generator | None) -> Beads:
-    """Return straight rows of beads of an aspect, turned as those of the packing are or, for discs, at random."""
-    d = packing.dimension
+    Discs and spheres are turned at random.
+    """
+    d, count, orientation = packing.dimension, packing.particles, packing.shapes.orientation_nq
+    if not orientation.size:
+        width = d if beads is None or d == 2 else 4
+        orientation = generator_of(None, rng).standard_normal((count, width))
+    if beads is None:
+        return Spheroids(np.full(count, aspect), orientation)
     row = LinearCluster(beads, length=(aspect - 1.0) / (beads - 1.0)).cluster(d)
-    body = body_of(row.position_bd, row.radius_b)
-    if isinstance(packing.shapes, Beads):
-        orientation = packing.shapes.orientation_nq
-    else:
-        orientation = generator_of(None, rng).standard_normal((packing.particles, 2 if d == 2 else 4))
-    return beads_of([body] * packing.particles, orientation)
+    return beads_of([body_of(row.position_bd, row.radius_b)] * count, orientation)
 
 
 @honors("repulsion shapes", at_rest=True)
@@ -138,7 +132,7 @@ def anneal_shape(
             wrong = goals[(goals <= 1.0) | (goals > beads)][0]
             raise ValueError(f"aspects must be above 1 and at most the number of beads, {beads}, got {wrong:g}")
     kind = Spheroids if beads is None else Beads
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         rng = generator_of(seed, rng)
     elif not isinstance(packing.shapes, kind):
         raise ValueError(
@@ -153,9 +147,8 @@ def anneal_shape(
         pressure=pressure, strain=strain, force_tolerance=force_tolerance, method="anneal_shape"
     )
     for aspect in goals.tolist():
-        shapes: Shapes = _spheroids(packing, aspect, rng) if beads is None else _rows(packing, aspect, beads, rng)
         try:
-            changed = scene.replace(packing=packing.replace(shapes=shapes))
+            changed = scene.replace(packing=packing.replace(shapes=_reshaped(packing, aspect, beads, rng)))
             run = _jammed_again(changed, packing, settings, ends, **asked)
         except KeyboardInterrupt as stop:
             stop.runs = tuple(runs)  # type: ignore[attr-defined]
@@ -181,11 +174,9 @@ def kicked(packing: Packing, amplitude: float, rng: np.random.Generator) -> Pack
 
     """
     position = packing.position_nd + amplitude * rng.standard_normal(packing.position_nd.shape)
-    shapes = packing.shapes
-    if shapes is not None:
-        basis = shapes.turn_basis(packing.radius_n)
-        turns = amplitude * rng.standard_normal(basis.shape[:2])
-        shapes = shapes.turned((turns[:, :, None] * basis).sum(axis=1))
+    basis = packing.turn_nkt
+    turns = amplitude * rng.standard_normal(basis.shape[:2])
+    shapes = packing.shapes.turned((turns[:, :, None] * basis).sum(axis=1))
     return packing.replace(position_nd=position, shapes=shapes, tangential=None)
 
 

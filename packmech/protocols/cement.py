@@ -55,9 +55,6 @@ def canonical(pair: HeldPair) -> tuple[int, int, tuple[int, ...]]:
 def own_pairs(packing: Packing) -> list[HeldPair]:
     """Return the pairs that the packing's own links hold."""
     links = packing.links
-    if links is None:
-        return []
-    assert links.shape_l is not None
     vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
     rows = zip(links.i_l.tolist(), links.j_l.tolist(), links.image_ld.tolist(), vector, links.shape_l, strict=True)
     return [HeldPair(i, j, tuple(image), one, bool(shape)) for i, j, image, one, shape in rows]
@@ -259,7 +256,7 @@ def backbone_of(scene: Scene, kind: Kind, gap_tolerance: float | None) -> Backbo
         return _inverted(whole, strains)
 
     # compressed links make room for motions that lower the energy where they are not stiff enough (Finsler's lemma)
-    last = LINK_STIFFNESS[0] if held.links is None or kind == "unstressed" else LINK_STIFFNESS[-1]
+    last = LINK_STIFFNESS[0] if not held.links or kind == "unstressed" else LINK_STIFFNESS[-1]
     for stiffness in LINK_STIFFNESS:
         try:
             inverse, zero = parts(stiffness)
@@ -282,7 +279,7 @@ def backbone_of(scene: Scene, kind: Kind, gap_tolerance: float | None) -> Backbo
     own = [pair for pair in own_pairs(packing) if bears[pair.i] and bears[pair.j]]
     kept = bears[found.i_c] & bears[found.j_c]
     place = np.where(kept, np.cumsum(kept) - 1, -1)
-    if packing.links is None:
+    if not packing.links:
         motions = d * (contacts.particles - 1) + strains - 1
         self_stress = len(contacts) - motions + (0 if zero is None else zero.shape[1])
     else:

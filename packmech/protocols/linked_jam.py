@@ -243,7 +243,7 @@ def follow_pressure(protocol: Protocol, packing: Packing, start: float, goal: fl
         Pressures [energy_scale / diameter^d].
 
     """
-    name = "decompression with links" if packing.links is not None else "decompression"
+    name = "decompression with links" if packing.links else "decompression"
     lengths = replace(_LENGTHS)
     now, end, vain, taken, searched = start, math.log(goal), 0, 0, 0
 

@@ -109,5 +109,7 @@ def held_columns(scene: Scene) -> set[str]:
     """Return the columns of `packmech effects` that a scene holds and only some methods honor."""
     packing = scene.packing
     found = {column for effect in scene.effects for column in columns_of(effect)}
-    found |= {name for name, held in (("links", packing.links), ("shapes", packing.shapes)) if held is not None}
+    found |= {
+        name for name, held in (("links", len(packing.links)), ("shapes", packing.shapes.has_orientations)) if held
+    }
     return found - {"repulsion", "damping", "drag"}

@@ -34,7 +34,7 @@ from packmech.measure.rattlers import find_rattling_clusters
 from packmech.measure.stress import stress_tensor, sum_forces
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
-from packmech.minimize.bodies_apart import deep_overlaps
+from packmech.minimize.bodies_apart import report_of_bodies
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.strain_fire import StrainedFire, StrainRelaxation
 from packmech.minimize.passes.kernels import Goal
@@ -45,7 +45,6 @@ from packmech.minimize.second_order.soft_newton import FLOORS, rounding_floor
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
-from packmech.shapes import Beads
 
 # largest net force over mean contact force of a packing that a protocol goes on from
 _BALANCED = 1e-3
@@ -108,8 +107,7 @@ class Protocol:
     """
 
     def __init__(self, scene: Scene, strain: BoxStrain, force_tolerance: float, loop: RunLoop) -> None:
-        if scene.packing.shapes is not None:
-            refuse_unknown_to_shapes(scene, single=False)
+        refuse_unknown_to_shapes(scene, single=False)
         # far from the cell rounding of positions is larger than the gaps that decide about contacts
         if scene.packing.rounding > _ROUNDING:
             scene = scene.replace(packing=scene.packing.wrapped())
@@ -379,7 +377,7 @@ def linked_count(packing: Packing, contacts: Contacts, strain: BoxStrain) -> dic
 
 def locked_links(packing: Packing) -> dict[str, Any]:
     """Return the pairs of links that cross, in two dimensions: they are locked, and press whatever the pressure is."""
-    if packing.links is None or packing.dimension != 2:
+    if not packing.links or packing.dimension != 2:
         return {}
     crossings = find_crossings(packing)
     return {"crossing_links": None if crossings is None else pairs_crossing(crossings)}
@@ -405,7 +403,7 @@ def finish(
 
     """
     scene = protocol.scene.replace(packing=packing)
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         return _finish_shaped(protocol, scene, outcome, asked, method, began)
     contacts = find_contacts(packing)
     first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
@@ -415,9 +413,7 @@ def finish(
     residual = 0.0
     # forces that are no more than rounding have no balance
     if first_c.any() and outcome is not Outcome.UNJAMMED:
-        net = sum_forces(contacts, -first_c)
-        if packing.links is not None:
-            net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(net)
+        net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(sum_forces(contacts, -first_c))
         residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
     report: dict[str, Any] = {
         "method": method,
@@ -426,9 +422,9 @@ def finish(
         "pressure": pressure / scene.pressure_unit,
         "pressure_asked": asked,
         **(
-            contact_count(contacts, len(protocol.basis_kdd))
-            if packing.links is None
-            else linked_count(packing, contacts, protocol.strain)
+            linked_count(packing, contacts, protocol.strain)
+            if packing.links
+            else contact_count(contacts, len(protocol.basis_kdd))
         ),
         "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
         "patches": (),
@@ -436,7 +432,7 @@ def finish(
         **protocol.report,
     }
     share, pressed = None, False
-    if packing.links is None:
+    if not packing.links:
         carried = report["contacts"] > 0
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
@@ -518,8 +514,7 @@ def shaped_count(packing: Packing, strain: BoxStrain, network: Network | None = 
     """
     network = contact_network(packing, second=False) if network is None else network
     none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
-    if isinstance(packing.shapes, Beads):
-        none["deep_overlaps"] = deep_overlaps(packing)
+    none |= report_of_bodies(packing)
     if not len(network.contacts):
         return {**none, "contacts": 0, "isostatic_contacts": 0, "excess_contacts": 0, "states_of_self_stress": 0}
     states = states_of_self_stress(

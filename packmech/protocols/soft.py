@@ -242,7 +242,5 @@ def extrapolated(before: Packing, at: float, now: Packing, depth: float, further
     fraction, earlier = now.position_nd @ now.box.inverse_dd.T, before.position_nd @ before.box.inverse_dd.T
     fraction = fraction + ahead * (fraction - earlier)
     box = Box(now.box.lattice_dd + ahead * (now.box.lattice_dd - before.box.lattice_dd))
-    shapes = now.shapes
-    if shapes is not None and before.shapes is not None:
-        shapes = shapes.turned(ahead * shapes.rotation_since(before.shapes))
+    shapes = now.shapes.turned(ahead * now.shapes.rotation_since(before.shapes))
     return now.replace(position_nd=fraction @ box.lattice_dd.T, box=box, shapes=shapes)

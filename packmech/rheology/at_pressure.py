@@ -243,7 +243,7 @@ def shear_at_pressure(
     """
     instance("scene", scene, Scene)
     refuse_misfits(scene)
-    if scene.packing.links is not None:
+    if scene.packing.links:
         raise ValueError(f"scene.packing must have no rigid links, got {len(scene.packing.links)}")
     positive("rate", rate), positive("pressure", pressure), positive("answer", answer)
     end = positive("applied_strain", applied_strain)

@@ -260,9 +260,8 @@ class _Minimum:
     def arrays(self) -> Arrays:
         """Return what a checkpoint keeps."""
         stages = json.dumps([dataclasses.asdict(one) for one in self.stages])
-        kept = {"position_nd": self.packing.position_nd, "stages": np.array(stages)}
-        shapes = self.packing.shapes
-        return kept if shapes is None else kept | {"orientation_nq": shapes.orientation_nq}
+        turned = self.packing.shapes.turned_arrays()
+        return {"position_nd": self.packing.position_nd, "stages": np.array(stages), **turned}
 
     def index_bounds(self) -> dict[str, IndexBounds]:
         """Return that there are no arrays of integers."""
@@ -271,7 +270,7 @@ class _Minimum:
     def restore(self, kept: Arrays) -> None:
         """Take what a checkpoint kept."""
         shapes = self.scene.packing.shapes
-        turned = None if shapes is None else shapes.oriented(kept["orientation_nq"])
+        turned = shapes.oriented(kept.get("orientation_nq", shapes.orientation_nq))
         self.packing = self.scene.packing.replace(position_nd=kept["position_nd"], shapes=turned)
         self.stages = [Stage(**one) for one in json.loads(str(kept["stages"]))]
 

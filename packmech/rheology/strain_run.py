@@ -441,7 +441,7 @@ class StrainTask:
         position_fnd = saved_array(kept, "position_fnd", (frames, n, d))
         spins = self._spins()
         shapes = self.settings.scene.packing.shapes
-        turned = None if shapes is None else shapes.orientation_nq.shape
+        turned = shapes.orientation_nq.shape if shapes.has_orientations else None
         snapshots = snapshots_of(kept, frames, None if spins is None else (n, spins.shape[1]), d, turned)
         if self.walls is not None:
             self.walls.restore(kept, steps)
@@ -536,4 +536,4 @@ class StrainTask:
 
 def _turns(scene: Scene) -> bool:
     rough = any(isinstance(one, Friction | Bonds) for one in scene.effects)
-    return rough or scene.packing.shapes is not None
+    return rough or scene.packing.shapes.has_orientations

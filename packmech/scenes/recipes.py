@@ -314,8 +314,8 @@ def inline_table(packing: Packing) -> dict[str, Any]:
     }
     if packing.given_mass_n is not None:
         table["masses"] = packing.given_mass_n.tolist()
-    table |= {FIELD_OF[name]: array.tolist() for name, array in packing.bodies.arrays().items()}
-    links = packing.rigid_links
+    table |= {FIELD_OF[name]: array.tolist() for name, array in packing.shapes.arrays().items()}
+    links = packing.links
     if len(links):
         table["link_pairs"] = np.column_stack([links.i_l, links.j_l]).tolist()
         table["link_images"] = links.image_ld.tolist()

@@ -132,7 +132,7 @@ def pair_lines(
 
 def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
     """Return lines and tensions of the bonds, then those of the links that hold shapes."""
-    links = packing.rigid_links
+    links = packing.links
     tension_l = relative_tension(packing, contacts, effects)
     vector_ld = links.vectors(packing.position_nd, packing.box.lattice_dd)
     segments, link_s = pair_lines(packing.position_nd, links.i_l, links.j_l, links.image_ld, vector_ld)
@@ -143,7 +143,7 @@ def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tu
 
 def relative_tension(packing: Packing, contacts: Contacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
     """Return the (L,) forces of the links over the mean contact force, tension positive [1]; 0 without effects."""
-    links = packing.rigid_links
+    links = packing.links
     if len(links) and effects and len(contacts):
         first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
         mean = float(np.abs(first_c).mean())
@@ -239,8 +239,8 @@ def particle_colors(
     span = float(np.ptp(packing.radius_n))
     share_n = (packing.radius_n - packing.radius_n.min()) / span if span > 0 else np.ones_like(packing.radius_n)
     color_nc = between(SMALL, LARGE, share_n)
-    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.rigid_links, bonds_among(effects)
-    joined = np.flatnonzero(np.diff(packing.bodies.start_n) > 1)
+    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_among(effects)
+    joined = np.flatnonzero(np.diff(packing.shapes.start_n) > 1)
     color_nc[joined] = hues[np.arange(len(joined)) % len(hues)]
     if len(links):
         linked = np.union1d(links.i_l, links.j_l)
@@ -308,7 +308,7 @@ def _relative_force(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]
 def force_magnitudes(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
     """Return the (C,) magnitudes of the forces that effects exert at contacts [force]."""
     force_c = np.abs(contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c)
-    return force_c * contacts.push_c if isinstance(contacts, ShapeContacts) else force_c
+    return force_c * contacts.push_c
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,7 +347,7 @@ class Sites:
 
 def sites_of(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64] | None = None) -> Sites:
     """Return what to draw of particles, or of copies of some of them (owner_k), with centers at these places."""
-    bodies = packing.bodies
+    bodies = packing.shapes
     owner_k = np.arange(packing.particles) if owner_k is None else owner_k
     count_k = np.diff(bodies.start_n)[owner_k]
     # sites of a particle follow each other: from the first one of each, counted up
@@ -371,7 +371,7 @@ def orientations(axis_bd: NDArray[np.float64]) -> NDArray[np.float64]:
 def _copies(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Periodic copies of particles that reach into the cell from outside."""
     centers, owners = [], []
-    reach_nd = packing.bodies.reach(packing.radius_n)[:, None] / packing.box.height_d
+    reach_nd = packing.shapes.reach(packing.radius_n)[:, None] / packing.box.height_d
     fraction_nd = packing.position_nd @ packing.box.inverse_dd.T
     for shift in itertools.product((-1, 0, 1), repeat=packing.dimension):
         if any(shift):

@@ -176,7 +176,7 @@ class _RunPicture:
         boxes = [drawing.shown_box(one.packing.box)[0] for one in trajectory.frames]
         corners = [drawing.box_outline(box) for box in boxes]
         place_kd = np.concatenate([self._projected(np.concatenate(lines))[:, :2] for lines in corners])
-        pad = 2.2 * float(self.packing.bodies.reach(self.packing.radius_n).max())
+        pad = 2.2 * float(self.packing.shapes.reach(self.packing.radius_n).max())
         low, high = place_kd.min(axis=0) - pad, place_kd.max(axis=0) + pad
         self.axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
         width, height = 0.64 * SIZE[0] * 72.0, 0.9 * SIZE[1] * 72.0

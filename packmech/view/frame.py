@@ -22,7 +22,6 @@ from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Discs
 from packmech.view import drawing
 
 # the largest side of a picture [pixel]
@@ -153,7 +152,7 @@ def drawn_contacts(
         contacts = touching_pairs(packing, TOUCH)
     else:
         of_packing, finder = (
-            (Contacts, "find_contacts") if isinstance(packing.bodies, Discs) else (ShapeContacts, "find_shape_contacts")
+            (ShapeContacts, "find_shape_contacts") if packing.shapes.has_orientations else (Contacts, "find_contacts")
         )
         if not isinstance(contacts, of_packing) or contacts.particles != packing.particles:
             raise TypeError(f"contacts must be those of the packing (pm.{finder}), got {type(contacts).__name__}")
@@ -224,7 +223,7 @@ class _Picture:
         if self.flat:  # the sides that a rectangle of the same volume would have keep the scale under shear
             room = np.maximum(room, ROOM * self.cell.box.volume / extent[::-1])
         else:
-            room = room + 2.0 * beads * packing.bodies.reach(packing.radius_n).max()
+            room = room + 2.0 * beads * packing.shapes.reach(packing.radius_n).max()
         self.scale = float((np.array(size) / room).min())
         self.middle_s = 0.5 * (low + high)
 
@@ -255,7 +254,7 @@ class _Picture:
         return finished(image)
 
     def _paint_discs(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8]) -> None:
-        largest = float(self.packing.bodies.reach(self.packing.radius_n).max())
+        largest = float(self.packing.shapes.reach(self.packing.radius_n).max())
         reach = 0.5 * np.array(self.size) + self.scale * largest
         shift_kd = np.array([one for one in np.ndindex(3, 3) if one != (1, 1)]) - 1.0
         around = self.cell.inside_nd + (shift_kd @ self.cell.box.lattice_dd.T)[:, None]
@@ -326,7 +325,7 @@ class _Picture:
         return found
 
     def _links(self, contacts: Any, effects: tuple[Any, ...]) -> list[_Lines]:
-        links = self.packing.rigid_links
+        links = self.packing.links
         tension_l = drawing.relative_tension(self.packing, contacts, effects)
         unit, d = self.packing.reference_diameter, self.packing.dimension
         found = []

@@ -243,9 +243,9 @@ class _Writer:
             )
         if not np.array_equal(packing.radius_n, mine.radius_n):
             raise ValueError("packing must have the scene's radii, got others")
-        if bool(len(packing.rigid_links)) != bool(len(mine.rigid_links)):
-            raise ValueError(f"packing must have links as the scene has, got {packing.links!r:.40}")
-        if not same_but_turned(packing.bodies, mine.bodies):
+        if bool(packing.links) != bool(mine.links):
+            raise ValueError(f"packing must have links as the scene has, got {len(packing.links)}")
+        if not same_but_turned(packing.shapes, mine.shapes):
             raise ValueError(f"packing must have shapes as the scene has, got {packing.shapes!r:.40}")
         return packing
 

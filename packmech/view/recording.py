@@ -210,10 +210,10 @@ class World:
             radii = None if width is None else width * packing.reference_diameter
             stream.log(f"world/{name}", kind.from_fields(radii=radii, colors=color), static=True)
         stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
-        kind = type(packing.bodies)
+        kind = type(packing.shapes)
         turning = TURNING[kind].values()
         # rows one after the other: columns of this kind are flat
-        staying: Any = {name: one.ravel() for name, one in packing.bodies.arrays().items() if name not in turning}
+        staying: Any = {name: one.ravel() for name, one in packing.shapes.arrays().items() if name not in turning}
         if staying:
             stream.log(f"state/{STAYING[kind]}", rr.AnyValues(**staying), static=True)
         if summary:
@@ -278,10 +278,10 @@ class World:
     def send_packings(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
         """Send particles, periodic copies, links and box of several frames, and their exact arrays."""
         self._send_particles(clock, packing_f, drawing_f)
-        for entity, name in TURNING[type(self.packing.bodies)].items():
-            self.send_state(clock, entity, name, [one.bodies.orientation_nq for one in packing_f])
+        for entity, name in TURNING[type(self.packing.shapes)].items():
+            self.send_state(clock, entity, name, [one.shapes.orientation_nq for one in packing_f])
         self.send_lines(clock, "box", [one.outline_ed for one in drawing_f])
-        if len(self.packing.rigid_links):
+        if len(self.packing.links):
             self._send_links(clock, packing_f, drawing_f)
         self.send_state(clock, "position", "position_nd", [one.position_nd for one in packing_f])
         self.send_state(clock, "lattice", "lattice_dd", [one.box.lattice_dd for one in packing_f])
@@ -301,7 +301,7 @@ class World:
                 radii=drawing.tension_radii(tension_s, diameter, d, shape=shape),
                 colors=drawing.tension_colors(tension_s, shape=shape),
             )
-        self.send_state(clock, "link_image", "image_ld", [packing.rigid_links.image_ld for packing in packing_f])
+        self.send_state(clock, "link_image", "image_ld", [packing.links.image_ld for packing in packing_f])
 
     def send_state(self, clock: Clock, path: str, name: str, array_f: Sequence[NDArray[Any]]) -> None:
         """Send an exact array of several frames."""
@@ -314,7 +314,7 @@ def blueprint(trajectory: Trajectory, motions: Sequence[DrawnMode] = (), *, summ
 
     Only panels that have something to show are there.
     """
-    flat, linked = trajectory.final.dimension == 2, len(trajectory.final.rigid_links) > 0
+    flat, linked = trajectory.final.dimension == 2, len(trajectory.final.links) > 0
     particles = ["/world/particles/**"]
     pictures: Views
     # in space lines inside solid spheres are not seen, so they have views of their own
@@ -408,7 +408,7 @@ def world_view(trajectory: Trajectory, name: str, shown: Sequence[str]) -> rrb.V
     if final.dimension == 2:
         extent = float(np.max(high - low))
         # links across the edge end in a center outside
-        beyond = min(float(final.rigid_links.length_l.max(initial=0.0)), 0.1 * extent)
+        beyond = min(float(final.links.length_l.max(initial=0.0)), 0.1 * extent)
         pad = MARGIN * extent + float(final.radius_n.max()) + beyond
         # 2D views point down; /world is mirrored, and so are these bounds
         bounds = rrb.VisualBounds2D(x_range=[low[0] - pad, high[0] + pad], y_range=[-high[1] - pad, -low[1] + pad])
@@ -624,12 +624,12 @@ def log_resting(world: World, motions: Sequence[DrawnMode] = (), summary: str = 
 
 
 def _link_order(world: World) -> dict[str, float]:
-    return {"links/shapes": 44.0, "links/bonds": 46.0} if len(world.packing.rigid_links) else {}
+    return {"links/shapes": 44.0, "links/bonds": 46.0} if len(world.packing.links) else {}
 
 
 def _log_links(world: World) -> None:
     """Log what does not change of links."""
-    packing, links = world.packing, world.packing.rigid_links
+    packing, links = world.packing, world.packing.links
     if len(links):
         if not world.flat:  # spheres at full size would hide their links
             beads = world.points.from_fields(radii=drawing.BEAD * packing.radius_n, colors=world.color_nc)

@@ -31,7 +31,6 @@ from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
 from packmech.scene import Scene
-from packmech.shapes import Discs
 
 # what a part of the examination may raise for a packing that does not allow it; the other parts still count
 REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)
@@ -216,12 +215,12 @@ def examine(
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
     report = Report(scene, _counts(scene, strain), run=run)
-    if verdict and isinstance(scene.packing.bodies, Discs):
-        with _part(report, "verdict", progress):
-            _verdict(report, *asked)
-    elif verdict:
+    if verdict and scene.packing.shapes.has_orientations:
         with _part(report, "quartic modes", progress):
             _stability(report)
+    elif verdict:
+        with _part(report, "verdict", progress):
+            _verdict(report, *asked)
     with _part(report, "moduli", progress):
         _moduli(report)
     if modes:
@@ -269,7 +268,7 @@ def _part(report: Report, name: str, progress: Callable[[str], None]) -> Iterato
 
 def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     packing, unit = scene.packing, scene.pressure_unit
-    counted = (_counts_of_discs if isinstance(packing.bodies, Discs) else _counts_of_shapes)(scene, strain)
+    counted = (_counts_of_shapes if packing.shapes.has_orientations else _counts_of_discs)(scene, strain)
     bears = counted.pop("bears", True)
     largest, mean = force_balance(scene) if bears else (0.0, 0.0)
     return {
@@ -331,7 +330,7 @@ def _counts_on_walls(scene: Scene) -> dict[str, Any]:
 
 def _links(packing: Packing, rattling_n: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the counts of the links, if there are any: all of them, and those that hold the backbone."""
-    links = packing.rigid_links
+    links = packing.links
     if not len(links):
         return {}
     within = ~rattling_n[links.i_l] & ~rattling_n[links.j_l] & ~ConstraintFactor(packing).dependent_l

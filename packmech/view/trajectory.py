@@ -255,7 +255,7 @@ def _frames_of(
             packing.replace(
                 position_nd=position_fnd[f],
                 box=packing.box if lattice_fdd is None else Box(lattice_fdd[f]),
-                shapes=packing.bodies if orientation_fnq is None else packing.bodies.oriented(orientation_fnq[f]),
+                shapes=packing.shapes if orientation_fnq is None else packing.shapes.oriented(orientation_fnq[f]),
             ),
             None if touching_f is None else touching_f[f],
             None if mark is None else mark[f],
@@ -347,8 +347,8 @@ def _in_images_of(start: Packing, packing: Packing) -> NDArray[np.float64]:
     """Return the positions moved by lattice vectors so that links have the images that they have in the start."""
     if start.links == packing.links:
         return packing.position_nd
-    now, _ = image_offsets(packing.rigid_links, packing.particles)
-    before, _ = image_offsets(start.rigid_links, start.particles)
+    now, _ = image_offsets(packing.links, packing.particles)
+    before, _ = image_offsets(start.links, start.particles)
     moved: NDArray[np.float64] = packing.position_nd + (now - before) @ packing.box.lattice_dd.T
     return moved
 
@@ -461,7 +461,7 @@ def draw_moving(frame: PackingFrame, effects: Sequence[Any]) -> DrawnFrame:
         slides_s = touching.sliding_c[pair_s]
         sticking, sticking_force = segments[~slides_s], force_s[~slides_s]
         sliding, sliding_force = segments[slides_s], force_s[slides_s]
-    links = packing.rigid_links
+    links = packing.links
     line_sed, link_s, _ = cell.lines(links.i_l, links.j_l, links.image_ld)
     shape_s = links.shape_l[link_s]
     drawn = replace(  # the forces of links are not kept

@@ -96,9 +96,9 @@ def ask(found: Answer, name: str, call: Callable[..., Any], *given: Any, **setti
 def of_packing(one: pm.Packing) -> Answer:
     """Return where particles are."""
     found = {"position": one.position_nd, "lattice": one.box.lattice_dd, "packing fraction": pm.packing_fraction(one)}
-    if one.shapes is not None:
+    if one.shapes.has_orientations:
         found["orientation"] = one.shapes.orientation_nq
-    if one.links is not None:
+    if one.links:
         found["link residual"] = one.link_error
     if one.tangential is not None:
         found["springs"] = len(one.tangential)
@@ -1172,7 +1172,7 @@ def counts_of(one: pm.Packing, strain: str) -> Answer:
 
 def rattlers_of(one: pm.Packing) -> Answer:
     """Return who rattles, the coordination and the contacts."""
-    shaped = one.shapes is not None
+    shaped = one.shapes.has_orientations
     contacts = (pm.find_shape_contacts if shaped else pm.find_contacts)(one)
     distance = contacts.distance_c
     found: Answer = {
@@ -1201,7 +1201,7 @@ def measures_case(take: Take, scenes: str) -> Answer:
         ask(ends, "tension", pm.link_tension, scene)
         # of a packing that is shaken, forces are no rounding; lengths of links must hold to 0.01
         one = scene.packing
-        scale = 0.01 if one.links is None else 0.001
+        scale = 0.001 if one.links else 0.01
         shaken_nd = one.position_nd + scale * np.random.default_rng(3).standard_normal(one.position_nd.shape)
         shaken = scene.replace(packing=one.replace(position_nd=shaken_nd))
         for name, call in (("forces", pm.forces), ("torques", pm.torques), ("energy", pm.energy)):

@@ -61,7 +61,6 @@ def large() -> None:
     """Time everything at N = 16,000 in 80 chains of 200."""
     packing = chains(200, 80)
     links = packing.links
-    assert links is not None
     rng = np.random.default_rng(1)
     force, lattice = rng.normal(size=packing.position_nd.shape), packing.box.lattice_dd
     print(f"N = {packing.particles}, {len(links)} links, chains of 200, two dimensions")

@@ -39,7 +39,7 @@ def literal(packing: pm.Packing, gap_tolerance: float | None) -> tuple[float, fl
     columns = np.concatenate([moving, packing.position_nd.size + np.arange(strains)])
     rigidity = pm.rigidity_matrix(packing, "free", contacts=network).toarray()[:, columns]
     gamma = np.zeros((len(columns), 0))
-    if packing.links is not None:
+    if packing.links:
         gamma = pm.constraint_jacobian(packing, "free").toarray()[columns]
         gamma = gamma[:, np.abs(gamma).max(axis=0) > 0]
     translations = np.zeros((len(columns), d))

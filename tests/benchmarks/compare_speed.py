@@ -136,7 +136,7 @@ class Worker:
     def _write_packing(path: Path, made: Any) -> None:
         arrays = {"position_nd": made.position_nd, "radius_n": made.radius_n, "lattice_dd": made.box.lattice_dd}
         links = made.links
-        if links is not None and len(links):
+        if links:
             arrays |= {key: getattr(links, key) for key in ("i_l", "j_l", "image_ld", "length_l", "shape_l")}
         with path.open("wb") as file:
             np.savez(file, **arrays)

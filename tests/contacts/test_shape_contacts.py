@@ -5,7 +5,7 @@ import pytest
 
 import packmech as pm
 from packmech.contacts.rattlers import can_balance, ends_of, rattlers_of
-from packmech.contacts.shape_contacts import candidate_shapes, find_shape_contacts, shape_contacts
+from packmech.contacts.shape_contacts import candidate_sites, find_shape_contacts, shape_contacts
 
 
 def some(d, count=10, seed=1):
@@ -21,7 +21,7 @@ def some(d, count=10, seed=1):
 @pytest.mark.parametrize("d", [2, 3])
 def test_slopes_and_curvatures_are_derivatives_of_the_distance(d):
     packing = some(d)
-    pairs = candidate_shapes(packing)
+    pairs = candidate_sites(packing)
     found = shape_contacts(packing, pairs, second=True)
     assert (found.i_c == found.j_c).any()
     rng, step, turns = np.random.default_rng(2), 1e-6, 1 if d == 2 else 3
@@ -88,7 +88,7 @@ def test_the_radius_of_gyration_is_that_of_points_inside():
 def test_changes_of_distances_keep_the_digits_that_their_difference_loses():
     packing = some(2)
     packing = packing.replace(shapes=pm.Spheroids(np.ones(10), packing.shapes.director_nd))
-    pairs = candidate_shapes(packing)
+    pairs = candidate_sites(packing)
     start = shape_contacts(packing, pairs)
     moved = np.random.default_rng(5).normal(size=(10, 2))
     for step in (1e-3, 1e-11):

@@ -32,7 +32,7 @@ def test_what_is_no_scene_gets_one_clear_error(scene, error, message):
 def test_every_shipped_scene_can_be_sheared_with_bonds_in_place_of_links_and_quenched_without_bonds():
     for name in pm.list_scenes():
         scene = scene_of(name)
-        assert shearable(scene, links="bonds").packing.links is None
+        assert not shearable(scene, links="bonds").packing.links
         quenched = quenchable(scene, bonds="leave out", friction="leave out")
         assert quenched.packing == scene.packing
         assert all(isinstance(one, pm.Repulsion) for one in quenched.effects)

@@ -242,7 +242,7 @@ def test_bonds_and_other_groups_without_lengths_are_listed(tmp_path, kind):
     groups.N, groups.types = 1, ["polymer"]
     groups.group = [[0, 1, 0, 1][: groups.M]]
     with pytest.warns(UserWarning, match=f"left out, .*: 1 {kind}"):
-        assert pm.read_packing(written(tmp_path, frame)).links is None
+        assert not pm.read_packing(written(tmp_path, frame)).links
 
 
 def test_bonds_of_constraints_are_links_and_the_others_are_listed(tmp_path):

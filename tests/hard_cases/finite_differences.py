@@ -37,7 +37,7 @@ def at_rest(scene: pm.Scene) -> pm.Scene:
 
     """
     links = scene.packing.links
-    size, held = scene.packing.position_nd.size, 0 if links is None else len(links)
+    size, held = scene.packing.position_nd.size, len(links)
     best, last = np.inf, scene
     with single_thread():
         for _ in range(_NEWTON_STEPS):
@@ -46,11 +46,10 @@ def at_rest(scene: pm.Scene) -> pm.Scene:
             matrix = np.zeros((size + held, size + held))
             matrix[:size, :size] = pm.hessian(scene, strain="none").toarray()
             right = np.concatenate([push, np.zeros(held)])
-            if links is not None:
-                gradient = pm.constraint_jacobian(packing).toarray()
-                matrix[:size, size:], matrix[size:, :size] = gradient, gradient.T
-                vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
-                right[size:] = links.length_l - np.sqrt((vector**2).sum(axis=1))
+            gradient = pm.constraint_jacobian(packing).toarray()
+            matrix[:size, size:], matrix[size:, :size] = gradient, gradient.T
+            vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
+            right[size:] = links.length_l - np.sqrt((vector**2).sum(axis=1))
             step = np.linalg.lstsq(matrix, right, rcond=_RANK_TOLERANCE)[0][:size].reshape(packing.position_nd.shape)
             largest = float(np.abs(step).max())
             if not largest < best:

@@ -128,9 +128,6 @@ class Oracle:
 
     def link_rows(self, strain):
         packing, links = self.packing, self.packing.links
-        if links is None:
-            none = np.zeros(0, dtype=np.int64)
-            return rows_of(none, none, np.zeros((0, self.d)), packing.particles, strain)
         vector = links.vectors(packing.position_nd, packing.box.lattice_dd)
         return rows_of(links.i_l, links.j_l, vector, packing.particles, strain)
 
@@ -166,7 +163,7 @@ class Oracle:
         """Return the contacts of the collectively jammed backbone and its particles, or None if there is none."""
         contacts = self.contacts
         while len(contacts):
-            if self.packing.links is None:
+            if not self.packing.links:
                 contacts = held_contacts(contacts)
             if not len(contacts):
                 return None

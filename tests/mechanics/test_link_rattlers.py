@@ -273,7 +273,7 @@ def test_cut_cluster_keeps_what_held_and_the_rest_is_jammed_as_before(name):
     assert index.tolist() == list(range(packing.particles - loose))
     assert np.array_equal(left.position_nd, packing.position_nd[index]) and not pm.find_rattlers(left).any()
     old = {(i, j, *z): length for i, j, z, length in rows_of(packing.links) if max(i, j) < left.particles}
-    new = {} if left.links is None else {(i, j, *z): length for i, j, z, length in rows_of(left.links)}
+    new = {(i, j, *z): length for i, j, z, length in rows_of(left.links)}
     assert old.items() <= new.items()
     before, after = (pm.classify_jamming(one) for one in (packing, left))
     assert (before.collective, before.strict) == (after.collective, after.strict)
@@ -311,4 +311,4 @@ def test_cluster_that_rattles_as_a_whole_is_one_and_goes_as_a_whole():
     verdict = pm.classify_jamming(packing)
     assert named(verdict.rattlers) == named(verdict.rattling_clusters) == named(verdict.danglers) == last
     left, _ = pm.remove_rattlers(packing)
-    assert left.links is None and left.particles == 35
+    assert not left.links and left.particles == 35

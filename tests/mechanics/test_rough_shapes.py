@@ -30,7 +30,7 @@ def pushed(packing):
     rng = np.random.default_rng(9)
     n, d = packing.position_nd.shape
     position = packing.position_nd + 0.03 * rng.normal(size=(n, d))
-    if packing.shapes is None:
+    if not packing.shapes.has_orientations:
         return pm.reaffix_links(packing.replace(position_nd=position)).packing
     turned = packing.shapes.turned(0.1 * rng.normal(size=(n, 1 if d == 2 else 3)))
     return packing.replace(position_nd=position, shapes=turned)
@@ -139,7 +139,7 @@ def test_moduli_are_those_of_a_small_strain_in_the_engine(name):
     matrix = pm.stiffness_matrix(scene).toarray()
     size = matrix.shape[0] - len(strain)
     stiffness, load = matrix[:size, :size], -matrix[:size, size:] @ strain
-    if packing.links is not None:
+    if packing.links:
         jacobian = pm.constraint_jacobian(packing, strain="free")
         jacobian = (jacobian.toarray() if hasattr(jacobian, "toarray") else np.asarray(jacobian)).T
         rows = np.zeros((len(packing.links), n, size // n))

@@ -124,7 +124,5 @@ def test_rotation_vectors_that_start_anew_keep_the_turning():
 
 def test_packings_of_another_kind_of_shape_are_refused():
     batch = pm.QuenchBatch(scene("ellipses"))
-    with pytest.raises(
-        ValueError, match="packing must have shapes of the kind of the scene's, Spheroids, got NoneType"
-    ):
+    with pytest.raises(ValueError, match="packing must have shapes of the kind of the scene's, Spheroids, got Discs"):
         batch.restart(0, scene("ellipses").packing.replace(shapes=None))

@@ -83,7 +83,7 @@ def test_discs_become_dimers_of_equal_area():
     runs = pm.anneal_shape(discs(), (1.1, 1.2), beads=2, seed=1, pressure=1e-4)
     for run in runs:
         shapes, radius = run.packing.shapes, run.packing.radius_n
-        bead = shapes.bead_radius(radius)[::2]
+        bead = shapes.site_radius(radius)[::2]
         apart = np.linalg.norm(np.diff(shapes.arms(radius).reshape(-1, 2, 2), axis=1)[:, 0], axis=1)
         np.testing.assert_allclose(1.0 + apart / (2.0 * bead), run.report["aspect"], rtol=1e-9)
         assert np.array_equal(radius, discs().packing.radius_n)

@@ -118,7 +118,7 @@ def at_pressure(family, seed):
 
 def contacts_of(packing):
     """Return the pairs that overlap."""
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         return pm.find_shape_contacts(packing)
     return pm.find_contacts(packing, gap_tolerance=0.0)
 
@@ -126,7 +126,7 @@ def contacts_of(packing):
 def touching(packing):
     """Return the touching pairs, of bodies those of their beads, by name, and their overlaps."""
     columns, contacts = ["i_c", "j_c", "image_cd"], contacts_of(packing)
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         columns += ["site_i_c", "site_j_c"]
     named = np.column_stack([getattr(contacts, name) for name in columns])
     return [tuple(row) for row in named.tolist()], contacts.contact_distance_c - contacts.distance_c
@@ -146,7 +146,7 @@ def overlap_changes(scene, pressure, more, strain):
     free = np.eye(size)
     if strain == "isotropic":
         free = np.column_stack([free[:, : size - strains], np.r_[np.zeros(size - strains), trace]])
-    if packing.links is not None:
+    if packing.links:
         held = pm.constraint_jacobian(packing, strain="free").toarray().T @ free
         _, value, right = np.linalg.svd(held)
         rank = int((value > 1e-9 * value[0]).sum())

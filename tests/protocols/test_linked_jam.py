@@ -182,7 +182,7 @@ def test_a_link_to_a_particles_own_image_is_refused_by_name():
         with pytest.raises(ValueError, match="no link of a particle to its own image for this call, got particle 0"):
             call()
     alone = pm.independent_links(scene.packing)
-    assert alone.rank == 0 and alone.packing.links is None
+    assert alone.rank == 0 and not alone.packing.links
 
 
 def test_those_who_watch_get_every_step_down_with_its_links_at_their_lengths():

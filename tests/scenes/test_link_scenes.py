@@ -26,7 +26,7 @@ def examined(name, folder):
 
 
 def test_every_shipped_scene_with_links_is_known_here():
-    assert LINKED == sorted(name for name in pm.list_scenes() if pm.read_scene(name).packing.links is not None)
+    assert LINKED == sorted(name for name in pm.list_scenes() if pm.read_scene(name).packing.links)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -55,7 +55,7 @@ def bonds_of_rows(scene: Scene, order_n: NDArray[np.int64], wrap_nd: NDArray[np.
         return ()
     refuse_tangential_springs(scene.effects)
     packing = scene.packing
-    if packing.shapes is not None:
+    if packing.shapes.has_orientations:
         raise ValueError(
             f"scene.packing must be of discs or spheres where bonds are relaxed, got {type(packing.shapes).__name__}: "
             "leave bonds out with scene.without(pm.Bonds), or use pm.simulate"

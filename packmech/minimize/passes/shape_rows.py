@@ -74,7 +74,7 @@ class ShapeTouch(NamedTuple):
 def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows | BeadRows, ...]:
     """Return the shapes by rows; nothing for discs and spheres."""
     shapes = packing.shapes
-    if shapes is None:
+    if not shapes.has_orientations:
         return ()
     if isinstance(shapes, Beads):
         return (_bead_rows(packing.radius_n[order_n], shapes.select(order_n)),)
@@ -94,7 +94,7 @@ def _bead_rows(radius_n: NDArray[np.float64], shapes: Beads) -> BeadRows:
     offset[:, :d] = shapes.offset_bd * radius_n[shapes.particle_b, None]
     rates = shapes.turn_rates(radius_n)
     rate[:, 3 - rates.shape[1] :] = rates
-    gyration, size = shapes.gyration(radius_n), shapes.bead_radius(radius_n)
+    gyration, size = shapes.gyration(radius_n), shapes.site_radius(radius_n)
     return BeadRows(
         radius_n, gyration, shapes.start_n, offset, size, rate, frame, frame.copy(), np.zeros_like(offset), d
     )

@@ -49,13 +49,12 @@ def acting_on_rows(scene: Scene, order_n: NDArray[np.int64]) -> tuple[Any, ...]:
         stiffness = sum(abs(float(pair_second(one, 0.99 * sigma, sigma))) for one in scene.effects)
         rows.append(RowsPushed(single, np.ascontiguousarray(packing.mass_n[order_n]), held_n, stiffness))
     if held is not None:
-        if packing.links is not None:
-            bound = held[packing.links.i_l] | held[packing.links.j_l]
-            if bound.any():
-                raise ValueError(
-                    "scene.effects must hold no particle that is linked, got FixedParticles with an end of link "
-                    f"{int(np.argmax(bound))}"
-                )
+        bound = held[packing.links.i_l] | held[packing.links.j_l]
+        if bound.any():
+            raise ValueError(
+                "scene.effects must hold no particle that is linked, got FixedParticles with an end of link "
+                f"{int(np.argmax(bound))}"
+            )
         rows.append(RowsHeld(held_n))
     return tuple(rows)
 

@@ -19,7 +19,6 @@ from packmech.effects import contact_terms, held_particles, single_effects, sing
 from packmech.linalg.factor import factor_saddle, factorize
 from packmech.mechanics.assembly import assemble
 from packmech.packing import Packing
-from packmech.shapes import Beads
 
 # pairs are searched within this reach beyond contact, relative to it
 REACH = 0.05
@@ -48,11 +47,11 @@ class Units:
 
     def reduced(self, packing: Packing) -> Packing:
         """Return the packing in reduced lengths."""
-        links = None if packing.links is None else packing.links.scaled(1.0 / self.length)
         box = Box(packing.box.lattice_dd / self.length)
         return packing.replace(
-            position_nd=packing.position_nd / self.length, radius_n=packing.radius_n / self.length, box=box, links=links
-        )
+            position_nd=packing.position_nd / self.length, radius_n=packing.radius_n / self.length, box=box,
+            links=packing.links.scaled(1.0 / self.length),
+        )  # fmt: skip
 
     def restored(self, packing: Packing, like: Packing) -> Packing:
         """Return a packing of reduced lengths in true ones, with radii, links and masses exactly those of another."""
@@ -219,9 +218,9 @@ class SoftNetwork:
         # a held volume leaves the parts of the strains without trace, and takes for pressure what it finds
         self.volume = packing.box.volume if pressure is None else None
         self.basis_kdd = basis_kdd = basis_kdd if pressure is not None else isochoric_part(basis_kdd, d)
-        self.links = None if packing.links is None else ConstraintFactor(packing, workable_links(packing))
-        self.packing = packing = packing if self.links is None else self.links.projected(packing)
-        self.tension_l = np.zeros(0 if self.links is None else len(self.links))
+        self.links = ConstraintFactor(packing, workable_links(packing))
+        self.packing = packing = self.links.projected(packing)
+        self.tension_l = np.zeros(len(self.links))
         self.pairs, self.searched_nd = self.search(packing), packing.position_nd
         self.trace_k = np.einsum("kaa->k", basis_kdd)
         # what the load does on each strain, over pressure times volume
@@ -231,10 +230,8 @@ class SoftNetwork:
     def search(self, packing: Packing) -> Candidates:
         """Return the pairs that touch or may soon."""
         shapes = packing.shapes
-        if not isinstance(shapes, Beads):
-            return search_pairs(packing, 1.0 + self.reach)
         # beads move by more than turns, measured in radii of gyration
-        arm = float((shapes.reach(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
+        arm = float((shapes.sweep(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
         return search_pairs(packing, 1.0 + self.reach, 2.0 * self.reach * arm)
 
     def near(self, packing: Packing) -> Any:
@@ -250,7 +247,7 @@ class SoftNetwork:
         """
         packing, near = self.packing, self.listed
         stretched = other.box.lattice_dd - packing.box.lattice_dd
-        if packing.shapes is None:
+        if not packing.shapes.has_orientations:
             moved = other.position_nd - packing.position_nd
             change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
             own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
@@ -299,7 +296,7 @@ class SoftNetwork:
             self.uphill_nd -= self.single.force_nd
         if self.held_n is not None:
             self.uphill_nd[self.held_n] = 0.0
-        if self.links is not None:
+        if self.links:
             self.links = self.links.at(packing)
             left, self.tension_l, _ = self.links.project(-self.uphill_nd)
             self.uphill_nd, bonds = -left, self.links.pairs
@@ -369,30 +366,25 @@ class SoftNetwork:
         packing = self.packing
         one = measure_pairs(packing, list_pairs(self.contacts), second=True)
         count, d = one.count_n(), packing.dimension
+        bonds, cluster_n = self.links.pairs, self.links.cluster_n
         elements = [elements_of(one, self.first_c, self.second_c)]
+        elements.append(elements_of(bonds, self.tension_l, np.zeros(len(bonds))))
         # a cluster that nothing touches is held, all others hardly
-        loose, unit = count == 0, 1.0
-        if self.links is not None:
-            unit = float(np.abs(self.second_c).mean()) if len(self.second_c) else 1.0
-            bonds = self.links.pairs
-            elements.append(elements_of(bonds, self.tension_l, np.zeros(len(bonds))))
-            assert self.links.links is not None
-            cluster_n = self.links.links.clusters(packing.particles)
-            loose = np.bincount(cluster_n, count, len(count))[cluster_n] == 0
+        loose = np.bincount(cluster_n, count, len(count))[cluster_n] == 0
+        unit = float(np.abs(self.second_c).mean()) if len(bonds) and len(self.second_c) else 1.0
         found = assemble(elements, self.turn_nkt, d, basis_edd=basis_kdd)
         # the best connected particle stays
         free = np.hstack([np.ones((len(count), d), dtype=bool), (self.turn_nkt != 0.0).any(axis=2)])
         free[int(np.argmax(np.where(loose, -1, count))), :d] = False
         free_f, coupling = free.ravel(), found.column(free.ravel())
         matrix = found.matrix(free_f, np.repeat(np.where(loose, unit, regularization), free.shape[1]))
-        if self.links is None:
-            factor = factorize(matrix, kind="symmetric")
-            negative = factor.inertia.negative
-        else:
+        if len(bonds):
             factor = factor_saddle(matrix, self.links.gradient_lx[:, free_f], d, stiffness=unit)
-            negative = factor.inertia.negative - len(bonds)
-            stretch_lk = np.einsum("la,kab,lb->lk", bonds.slope_cx, basis_kdd, bonds.vector_cd)
-            coupling = np.concatenate([coupling, unit * stretch_lk])
+        else:
+            factor = factorize(matrix, kind="symmetric")
+        negative = factor.inertia.negative - len(bonds)
+        stretch_lk = np.einsum("la,kab,lb->lk", bonds.slope_cx, basis_kdd, bonds.vector_cd)
+        coupling = np.concatenate([coupling, unit * stretch_lk])
         # the pressure's work on the volume
         trace = np.einsum("kaa->k", basis_kdd)
         twice = np.outer(trace, trace) - np.einsum("kab,lba->kl", basis_kdd, basis_kdd)
@@ -450,9 +442,8 @@ class SoftNetwork:
         if self.volume is not None and strain.any():
             factor = (self.volume / box.volume) ** (1.0 / d)
             position, box = position * factor, box.scaled(factor)
-        shapes = packing.bodies.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
-        moved = packing.replace(position_nd=position, box=box, shapes=shapes)
-        return moved if self.links is None else self.links.projected(moved)
+        shapes = packing.shapes.turned(np.einsum("nk,nkt->nt", u_nd[:, d:], packing.turn_nkt))
+        return self.links.projected(packing.replace(position_nd=position, box=box, shapes=shapes))
 
 
 def energy_change(

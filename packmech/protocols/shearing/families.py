@@ -285,10 +285,10 @@ def shear_families(
     began = time.process_time()
     with single_thread():
         network: HardDiscs | HardShapes
-        if packing.shapes is None:
-            network = HardDiscs(_hard_packing(packing), pair)
-        else:
+        if packing.shapes.has_orientations:
             network = _hard_shapes(packing, small, pair, loop)
+        else:
+            network = HardDiscs(_hard_packing(packing), pair)
         walk = _HardWalk(packing, HardPath(network, network.start, loop.check_time), loop, began)
         goals = np.linspace(0.0, end, max(1, int(np.ceil(abs(end) / size - 1e-9))) + 1)[1:]
         goals = np.unique(np.concatenate([goals, kept]))
@@ -522,7 +522,7 @@ class _HardWalk:
             FamilyChange(
                 change.before.strain,
                 change.cause,
-                ("exchange" if not change.jumps else "interior point" if self.given.shapes is None else "downhill"),
+                self.path.network.falls_by if change.jumps else "exchange",
                 first,
                 second,
                 tuple(sorted(after - before)),

@@ -50,7 +50,7 @@ class HardDiscs(HardNetwork):
 
     """
 
-    ends = "fold"
+    ends, falls_by = "fold", "interior point"
     beyond = 1e-9
 
     def __init__(self, hard: HardPacking, axes: tuple[int, int]) -> None:

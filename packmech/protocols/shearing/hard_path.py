@@ -164,6 +164,8 @@ class HardNetwork(abc.ABC):
     ----------
     ends
         Name of the cause of a change where the network is lost and no contact says why.
+    falls_by
+        Name of how the next network is found where the packing does not go on continuously.
     beyond, farther
         How far beyond a change in strain the next packing is looked for, and, where there is none, how far next.
     factorizations
@@ -172,6 +174,7 @@ class HardNetwork(abc.ABC):
     """
 
     ends: ClassVar[str]
+    falls_by: ClassVar[str]
     beyond: ClassVar[float]
     farther: ClassVar[tuple[float, ...]] = ()
 
@@ -218,10 +221,10 @@ class HardNetwork(abc.ABC):
         moved = (found.position_nd - ahead.position_nd)[live]
         corrected = float(np.abs(moved - moved.mean(axis=0)).max())
         way = max(1.0, float(np.abs(rates.u_nq[live, :d]).max()))
-        if found.shapes is not None and ahead.shapes is not None:
-            turned = found.shapes.rotation_since(ahead.shapes)[live]
-            turns = np.einsum("nk,nkt->nt", rates.u_nq[live, d:], start.packing.turn_nkt[live])
-            corrected, way = max(corrected, float(np.abs(turned).max())), max(way, float(np.abs(turns).max()))
+        turned = found.shapes.rotation_since(ahead.shapes)[live]
+        turns = np.einsum("nk,nkt->nt", rates.u_nq[live, d:], start.packing.turn_nkt[live])
+        corrected = max(corrected, float(np.abs(turned).max(initial=0.0)))
+        way = max(way, float(np.abs(turns).max(initial=0.0)))
         return corrected <= _CORRECTED * way * abs(step) + _ROUNDED
 
     def relabeled(self, vertex: Vertex) -> Vertex:

@@ -127,7 +127,7 @@ class HardShapes(HardNetwork):
 
     """
 
-    ends = "instability"
+    ends, falls_by = "instability", "downhill"
     beyond = 2e-9
     farther = (1e-4, 1e-3)
 
@@ -314,7 +314,7 @@ class HardShapes(HardNetwork):
                 packing = state.packing
             network = SoftNetwork(packing, self.units, self.isotropic_kdd, at)
             contacts = network.contacts
-            if not isinstance(contacts, ShapeContacts) or not len(contacts):
+            if not len(contacts):
                 return None
             rattling = rattlers_of(contacts)
             bears = ~(rattling[contacts.i_c] | rattling[contacts.j_c])

@@ -99,7 +99,7 @@ def shear_jam(
 
     """
     instance("scene", scene, Scene)
-    if scene.packing.links is not None:
+    if scene.packing.links:
         raise ValueError(f"scene.packing must have no rigid links, got {len(scene.packing.links)}")
     positive("pressure", pressure), positive("rate", rate), positive("force_tolerance", force_tolerance)
     small, end = positive("step", step), positive("largest_strain", largest_strain)

@@ -419,7 +419,7 @@ def work_between(one: Sheared, other: Sheared) -> float:
 def bearing_pairs(packing: Packing, network: SoftNetwork) -> tuple[Pairs, NDArray[np.bool_]]:
     """Return the touching pairs of particles that are no rattlers, and which particles are none."""
     near = network.contacts
-    if packing.links is not None:
+    if packing.links:
         # which clusters are held takes a linear program: what bears next to nothing is none
         push = np.abs(network.first_c)
         bears = push > 1e-7 * push.mean() if len(push) else np.zeros(0, dtype=bool)

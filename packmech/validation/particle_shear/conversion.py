@@ -176,7 +176,7 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, ShearedDiscs]:
         names = ", ".join(type(one).__name__ for one in scene.effects)
         raise ValueError(f"scene must have the effects of to_scene, got {names}")
     lattice = packing.box.lattice_dd
-    if packing.dimension != 2 or lattice[1, 0] != 0.0 or packing.links is not None:
+    if packing.dimension != 2 or lattice[1, 0] != 0.0 or packing.links:
         raise ValueError("scene must be of discs without rigid links, in a cell whose first vector is along x")
     sizes = np.unique(packing.radius_n)
     if len(sizes) > 2:
