@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.dynamics.integrators import choose_time_step
 
 MODULE = """
 from dataclasses import dataclass
@@ -330,3 +331,40 @@ def test_its_motion_keeps_the_energy_to_second_order_and_is_that_of_its_forces(t
         assert numbers["potential_energy"] == pytest.approx(energy, rel=1e-9)
         drift.append(abs(numbers["energy_drift"]))
     assert drift[1] < 0.4 * drift[0]
+
+
+@pm.effect
+class Halo(NamedTuple):
+    """A repulsion far beyond contact that aligns neighbors."""
+
+    stiffness: float = 1.0
+    span: float = 1.4
+
+    def reach(self, contact_distance):
+        return self.span * contact_distance
+
+    def interaction_energy(self, distance, contact_distance, alignment):
+        return 0.5 * self.stiffness * (self.span * contact_distance - distance) ** 2 * (2.0 - alignment**2)
+
+    def interaction_first(self, distance, contact_distance, alignment):
+        far = self.span * contact_distance - distance
+        return -self.stiffness * far * (2.0 - alignment**2), -self.stiffness * far**2 * alignment
+
+    def interaction_second(self, distance, contact_distance, alignment):
+        far = self.span * contact_distance - distance
+        along, mixed = self.stiffness * (2.0 - alignment**2), 2.0 * self.stiffness * far * alignment
+        return along, mixed, -self.stiffness * far**2
+
+
+@pytest.mark.parametrize("kind", ["discs", "ellipses"])
+def test_the_default_time_step_answers_to_how_stiff_it_is(kind):
+    start = pm.random_packing(12, seed=4, **TETHERED[kind])
+    steps = {}
+    for stiff in (1.0, 100.0):
+        # a thousand times as stiff as contacts are
+        scene = pm.Scene(start, (pm.Repulsion(pm.Harmonic(1e-3)), Halo(stiff)))
+        steps[stiff] = choose_time_step(scene, 0.05)
+        numbers = pm.simulate(scene, steps=400, trace_every=400, check=False).to_dict()
+        assert abs(numbers["energy_drift"]) < 2e-3
+        assert numbers["potential_energy"] < 0.99 * pm.energy(scene)
+    assert steps[1.0] == pytest.approx(10.0 * steps[100.0], rel=1e-2)

@@ -32,7 +32,7 @@ from packmech.cli.output import (
     title_of,
     working,
 )
-from packmech.effects import Bonds
+from packmech.effects import bonds_of
 from packmech.files.modules import load_modules
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
@@ -230,10 +230,10 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
     scene, files = wanted.scene, wanted.files
     about = done if report is None else report
     numbers, title = about.to_dict(), title_of(wanted.name, about)
-    bonds = [one for one in scene.effects if isinstance(one, Bonds)]
-    if bonds and report is None:
-        numbers["bonds"] = sum(map(len, bonds))
-        numbers["fragments"] = int(fragment_numbers(bonds[0], scene.packing.particles).max()) + 1
+    bonds = bonds_of(scene.effects)
+    if bonds is not None and report is None:
+        numbers["bonds"] = len(bonds)
+        numbers["fragments"] = int(fragment_numbers(bonds, scene.packing.particles).max()) + 1
     if hasattr(done, "runs"):
         show(table(title, done.headings, done.lines()))
     else:

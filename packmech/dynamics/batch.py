@@ -44,7 +44,7 @@ from packmech.dynamics.observables import (
     measure,
 )
 from packmech.dynamics.time_step import WHOLE_STEP, Acting, Rule, Span, System, advance
-from packmech.effects import Friction
+from packmech.effects import Friction, friction_of
 from packmech.honors import declare
 from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
@@ -426,7 +426,7 @@ class ShearBatch:
         self.control = one_of("control", control, tuple(CONTROLS))
         if not isinstance(switched_friction, bool | np.bool_):
             raise TypeError(f"switched_friction must be True or False, got {switched_friction!r}")
-        if switched_friction and not any(isinstance(one, Friction) for one in first.effects):
+        if switched_friction and not friction_of(first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
         method = checked_method(method)
         self.axes = two_axes("axes", axes, dimension=first.packing.dimension)

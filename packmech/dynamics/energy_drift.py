@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics import observables as columns
 from packmech.dynamics.deformation import Strain
-from packmech.effects import BackgroundDamping, Friction, held_velocity, law_scale
+from packmech.effects import BackgroundDamping, friction_of, held_velocity, law_scale
 from packmech.scene import Scene
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
@@ -70,8 +70,8 @@ def largest_held(scene: Scene) -> float:
 
     mu^2 / (2 k) times 9, as normal forces are not all the same [length/force]; 0 without friction.
     """
-    rough = (one for one in scene.effects if isinstance(one, Friction) and one.stiffness > 0.0)
-    return sum(_BROAD * one.coefficient**2 / (2.0 * one.stiffness) for one in rough)
+    one = friction_of(scene.effects)
+    return _BROAD * one.coefficient**2 / (2.0 * one.stiffness) if one and one.stiffness > 0.0 else 0.0
 
 
 def pace_of_held(scene: Scene) -> float:
@@ -185,7 +185,7 @@ def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
     """Return a watch for a scene stepped by dt in a box that deforms so, or does not."""
     often = steps_between_observations(strain, dt, scene.packing.particles, pace_of_held(scene))
     works = bool(np.isfinite(often))
-    frictional = any(isinstance(one, Friction) for one in scene.effects)
+    frictional = friction_of(scene.effects) is not None
     apart = often if works else _APART
     known = knows_its_energy(scene, strained=works and strain is not None)
     return EnergyWatch(energy_unit(scene), known, works, frictional, apart)
@@ -242,7 +242,7 @@ class RowWatch:
     """
 
     def __init__(self, scene: Scene, direction_dd: NDArray[np.float64], every: int) -> None:
-        frictional = any(isinstance(one, Friction) for one in scene.effects)
+        frictional = friction_of(scene.effects) is not None
         known = knows_its_energy(scene, strained=True)
         self.watch = EnergyWatch(energy_unit(scene), known, True, frictional, _APART)
         self.direction_dd, self.every, self.held = direction_dd, every, largest_held(scene)

@@ -67,6 +67,8 @@ from packmech.effects import (
     Bonds,
     Friction,
     Walls,
+    bonds_of,
+    friction_of,
     held_particles,
     held_velocity,
     is_interaction,
@@ -430,7 +432,8 @@ class Engine:
             set_flow(flow, frame, self.time)
         table = self.space.bonds
         if table is not None:
-            bonds = next(one for one in self.scene.effects if isinstance(one, Bonds))
+            bonds = bonds_of(self.scene.effects)
+            assert bonds is not None
             table = bond_table(bonds, self.order_n, self.wrap_nd, self.change_dd, bond_stretches(table))
         self.space = Space(self.space.sizes, frame, flow, table, None)
         self._link_rows()
@@ -690,8 +693,7 @@ def build_engine(
         )
     pairs = tuple(one for one in scene.effects if hasattr(type(one), "pair_first") or is_interaction(one))
     bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
-    friction = next((one for one in scene.effects if isinstance(one, Friction)), None)
-    bonds = next((one for one in scene.effects if isinstance(one, Bonds)), None)
+    friction, bonds = friction_of(scene.effects), bonds_of(scene.effects)
     shapes = packing.shapes
     turns = friction is not None or bonds is not None or shapes.has_orientations
     spins = 0 if not turns else 1 if d == 2 else 3

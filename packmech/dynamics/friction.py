@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from packmech.effects import Bonds, Friction
+from packmech.effects import acting_friction, bonds_of
 from packmech.effects.pair import hook_of
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -318,12 +318,11 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
         Time step, and the smallest mass.
 
     """
-    springs = []
-    for one in scene.effects:
-        if isinstance(one, Friction) and one.coefficient > 0.0:
-            springs.append((one.stiffness, one.damping))
-        if isinstance(one, Bonds) and len(one):
-            springs.append((one.tangential_stiffness, one.tangential_damping))
+    friction, bonds, springs = acting_friction(scene.effects), bonds_of(scene.effects), []
+    if friction is not None:
+        springs.append((friction.stiffness, friction.damping))
+    if bonds is not None:
+        springs.append((bonds.tangential_stiffness, bonds.tangential_damping))
     fastest = _FASTEST[scene.packing.dimension] * stiffening(scene.packing)[1]
     weak = 0.25 * fastest * dt**3 / smallest_mass
     return _SHARE if any(k > 0.0 and c < weak * k * k for k, c in springs) else 0.0

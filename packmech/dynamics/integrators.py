@@ -10,12 +10,24 @@ from numpy.typing import NDArray
 
 from packmech.check import finite_array, particle_mask, positive
 from packmech.dynamics.friction import stiffening
-from packmech.effects import Bonds, Friction, Walls, is_bound, law_second, pair_first, pair_second
+from packmech.effects import (
+    Bonds,
+    Friction,
+    Walls,
+    interaction_law,
+    interactions_of,
+    is_bound,
+    law_second,
+    pair_first,
+    pair_second,
+)
 from packmech.packing import Packing
 from packmech.scene import Scene
 
 # overlaps [1] at which the stiffness of a contact is looked up
 _OVERLAPS = (0.0, 0.1)
+# distances between the largest of these overlaps and their reach, and alignments, at which interactions are looked up
+_DISTANCES, _ALIGNMENTS = 64, (-1.0, 0.0, 0.5, 1.0)
 
 
 class VelocityVerlet(NamedTuple):
@@ -121,12 +133,13 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
 
     k is |d2u/dr2| of two particles of one size at an overlap of 0 or 0.1, c the damping of their approach; so for bonds
     at their rest lengths, and for walls, by half their stiffness: that of a particle and its mirror image. Of rigid
-    bodies the beads touch, with their sizes. All count as often as `stiffening` says.
+    bodies the beads touch, with their sizes. All count as often as `stiffening` says. Interactions beyond contact count
+    by their largest curvature from an overlap of 0.1 on, along the pair, across it, and by turns in lengths.
     """
     packing = scene.packing
     sizes = np.unique(2.0 * packing.shapes.site_radius(packing.radius_n)).tolist()
     steep, turned = stiffening(packing)
-    stiff, damped, drag = [0.0], [0.0], 0.0
+    stiff, damped, drag = [_stiffness_beyond_contact(scene)], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
     for sigma in sizes:
         for overlap in _OVERLAPS:
@@ -154,3 +167,22 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             slow, fast = (one.body_force(*center.tolist(), speed, 0.0, 0.0, 1.0, radius)[0] for speed in (0.0, 1.0))
             drag += abs(fast - slow)
     return max(stiff), max(damped), drag
+
+
+def _stiffness_beyond_contact(scene: Scene) -> float:
+    """Return the largest stiffness of the interactions beyond contact [energy/length^2]; 0 without any."""
+    packing, acting = scene.packing, interactions_of(scene.effects)
+    radius, shapes = packing.radius_n, packing.shapes
+    stiff = [0.0]
+    for sigma in (2.0 * np.array([radius.min(), radius.mean(), radius.max()])).tolist() if acting else ():
+        reach = max(float(one.reach(sigma)) for one in acting)
+        for r in np.linspace((1.0 - _OVERLAPS[-1]) * sigma, reach, _DISTANCES, endpoint=False).tolist():
+            for alignment in _ALIGNMENTS if shapes.has_orientations else (1.0,):
+                laws = [interaction_law(one, r, sigma, alignment) for one in acting]
+                along, push, bending, torque = (
+                    abs(sum(getattr(one, name) for one in laws)) for name in ("second", "first", "bending", "turning")
+                )
+                stiff += [along, push / r]
+                if shapes.has_orientations:
+                    stiff.append((bending + torque) / float(shapes.gyration(radius).min()) ** 2)
+    return max(stiff)

@@ -16,9 +16,9 @@ from packmech.dynamics.contact_records import record_contacts
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.observables import CONTACTS, LARGEST_FORCE, TOTAL
 from packmech.dynamics.pair_lists import listed_pairs
+from packmech.effects import friction_of
 from packmech.jit.compiled import lean
 from packmech.links import one_way
-from packmech.measure.friction import friction_of
 
 
 class PairForces(NamedTuple):
@@ -114,7 +114,7 @@ def touching_of(engine: Engine) -> Touching:
 
 def _stands_at_limit(engine: Engine, found: Touching) -> NDArray[np.bool_]:
     """Return the (C,) contacts of discs and spheres that stand at the Coulomb limit, as well as they are at rest."""
-    friction = friction_of(engine.scene)
+    friction = friction_of(engine.scene.effects)
     if friction is None or engine.acting.shapes is not None or not len(found.i_c):
         return np.zeros(len(found.i_c), dtype=bool)
     row, place = engine.observe(), engine.positions()

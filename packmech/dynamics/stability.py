@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.friction import stiffening
-from packmech.effects import BackgroundDamping, Bonds, Friction, is_bound, law_second, pair_first, pair_second
+from packmech.effects import (
+    BackgroundDamping,
+    acting_friction,
+    bonds_of,
+    interaction_law,
+    interactions_of,
+    is_bound,
+    law_second,
+    pair_first,
+    pair_second,
+)
 from packmech.result import Condition
 from packmech.scene import Scene
 
@@ -57,23 +67,22 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Moti
     turned = 1.0 if packing.shapes.has_orientations else stiffening(packing)[1]
     pair = float(free_n.max()) + float(inverse_mass_n.min())
     if packing.particles > 1 and not packing.links:
-        pairs = [one for one in scene.effects if not is_bound(one) and not isinstance(one, Friction)]
+        pairs, friction = [one for one in scene.effects if not is_bound(one)], acting_friction(scene.effects)
         if not packing.shapes.has_orientations:
             spring, dashpot = (min(column) for column in zip(*_normal(scene, pairs), strict=True))
             found.append(Motion("the normal force of a contact", max(spring, 0.0), max(dashpot, 0.0), pair, False))
-        found += [
-            Motion("the friction of a contact", one.stiffness, one.damping, turned * pair, True)
-            for one in scene.effects
-            if isinstance(one, Friction) and one.coefficient > 0.0
-        ]
+        if friction is not None:
+            sticking = friction.stiffness, friction.damping, turned * pair
+            found.append(Motion("the friction of a contact", *sticking, True))
+    bonds = bonds_of(scene.effects)
+    if bonds is not None and not packing.links:
+        bond = float((inverse_mass_n[bonds.i_b] + inverse_mass_n[bonds.j_b]).max())
+        rests = (float(bonds.rest_length_b.min()), float(bonds.rest_length_b.max()))
+        spring = min(abs(law_second(law, r, r)) for r in rests for law in (bonds.compression, bonds.tension))
+        found.append(Motion("the normal force of a bond", spring, bonds.damping, bond, False))
+        across = bonds.tangential_stiffness, bonds.tangential_damping, turned * bond
+        found.append(Motion("the tangential force of a bond", *across, True))
     for one in scene.effects:
-        if isinstance(one, Bonds) and len(one) and not packing.links:
-            bond = float((inverse_mass_n[one.i_b] + inverse_mass_n[one.j_b]).max())
-            rests = (float(one.rest_length_b.min()), float(one.rest_length_b.max()))
-            spring = min(abs(law_second(law, r, r)) for r in rests for law in (one.compression, one.tension))
-            found.append(Motion("the normal force of a bond", spring, one.damping, bond, False))
-            across = one.tangential_stiffness, one.tangential_damping, turned * bond
-            found.append(Motion("the tangential force of a bond", *across, True))
         if isinstance(one, BackgroundDamping):
             found.append(Motion("the drag on a particle", 0.0, one.rate, 1.0, False))
     return found
@@ -81,13 +90,15 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Moti
 
 def _normal(scene: Scene, pairs: list[object]) -> list[tuple[float, float]]:
     """Return the spring and the dashpot of contacts of the smallest and of the largest particles, barely and deep."""
-    diameter_n = scene.packing.diameter_n
+    diameter_n, beyond = scene.packing.diameter_n, interactions_of(scene.effects)
     found = []
     for sigma in (float(diameter_n.min()), float(diameter_n.max())):
         for overlap in _OVERLAPS:
             r = (1.0 - overlap) * sigma
             rates = [sum(pair_first(one, r, sigma, rate) for one in pairs) for rate in (1.0, 0.0)]
-            found.append((sum(pair_second(one, r, sigma) for one in pairs), rates[0] - rates[1]))
+            spring = sum(pair_second(one, r, sigma) for one in pairs)
+            spring += sum(interaction_law(one, r, sigma, 1.0).second for one in beyond)
+            found.append((spring, rates[0] - rates[1]))
     return found
 
 

@@ -14,13 +14,21 @@ from packmech.effects.body import (
     body_second,
     spin_drag,
 )
-from packmech.effects.bonds import Bonds, refuse_tangential_bonds
+from packmech.effects.bonds import (
+    Bonds,
+    bonds_of,
+    refuse_tangential_bonds,
+    refuse_tangential_springs,
+    unbonded,
+    with_bonds_as_links,
+)
 from packmech.effects.damping import ContactDamping
-from packmech.effects.friction import Friction
+from packmech.effects.friction import Friction, acting_friction, friction_of
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
 from packmech.effects.held import FixedParticles
 from packmech.effects.interaction import (
     Interactions,
+    bonded_pairs,
     find_interactions,
     interaction_law,
     interactions_of,
@@ -103,15 +111,19 @@ __all__ = [
     "ShapedTerms",
     "SingleTerms",
     "Walls",
+    "acting_friction",
     "acts_on_single",
     "body_energy",
     "body_force",
     "body_second",
+    "bonded_pairs",
+    "bonds_of",
     "check_effect",
     "check_law",
     "contact_terms",
     "effect",
     "energy_scale_of",
+    "friction_of",
     "held_particles",
     "held_velocity",
     "is_bound",
@@ -132,6 +144,7 @@ __all__ = [
     "refuse_free_fall",
     "refuse_single",
     "refuse_tangential_bonds",
+    "refuse_tangential_springs",
     "refuse_unknown_to_shapes",
     "registered_effects",
     "registered_laws",
@@ -140,7 +153,9 @@ __all__ = [
     "single_terms",
     "total_push",
     "spin_drag",
+    "unbonded",
     "wall_sides",
+    "with_bonds_as_links",
 ]
 
 

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, instance, integer_array, one_of, positive_array, real
-from packmech.contacts import find_contacts
-from packmech.contacts.shape_contacts import find_shape_contacts
+from packmech.contacts import Contacts, find_contacts, pair_contacts
+from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 from packmech.honors import honors
+from packmech.links import Links, named_rows
 from packmech.packing import Packing, images_between
+
+T = TypeVar("T", bound=Contacts | ShapeContacts)
 
 
 @bound_effect
@@ -137,17 +140,57 @@ class Bonds:
         return dataclasses.replace(self, image_bd=np.where((there < here)[:, None], other, self.image_bd))
 
 
+def bonds_of(effects: tuple[Any, ...]) -> Bonds | None:
+    """Return the bonds among the effects; None without."""
+    return next((one for one in effects if isinstance(one, Bonds) and len(one)), None)
+
+
+def unbonded(contacts: T, effects: tuple[Any, ...]) -> T:
+    """Return the contacts of pairs that no bond joins at the same image."""
+    bonds = bonds_of(effects)
+    if bonds is None:
+        return contacts
+    named = (contacts.i_c, contacts.j_c, contacts.image_cd)
+    return cast(T, contacts.select(named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0))
+
+
+def with_bonds_as_links(packing: Packing, effects: tuple[Any, ...]) -> Packing:
+    """Return the packing with its bonds as links besides its own: what bonds join goes together, as clusters do."""
+    bonds = bonds_of(effects)
+    if bonds is None:
+        return packing
+    length = pair_contacts(packing, bonds.i_b, bonds.j_b, bonds.image_bd).distance_c
+    links = Links(bonds.i_b, bonds.j_b, bonds.image_bd, length)
+    return packing.replace(links=packing.links.joined(links))
+
+
 def refuse_tangential_bonds(effects: tuple[Any, ...], shapes: Any) -> None:
     """Refuse tangential springs and dashpots of bonds between particles that are no discs or spheres."""
-    for k, one in enumerate(effects):
-        if not shapes.has_orientations or not isinstance(one, Bonds) or not len(one):
-            continue
-        if one.tangential_stiffness or one.tangential_damping:
-            raise ValueError(
-                f"scene.effects[{k}] must have tangential_stiffness=0.0 and tangential_damping=0.0 for "
-                f"{type(shapes).__name__}, on whose centers bonds act, got {one.tangential_stiffness:g} and "
-                f"{one.tangential_damping:g}"
-            )
+    one = bonds_of(effects)
+    if one is not None and shapes.has_orientations and (one.tangential_stiffness or one.tangential_damping):
+        raise ValueError(
+            f"scene.effects[{effects.index(one)}] must have tangential_stiffness=0.0 and tangential_damping=0.0 for "
+            f"{type(shapes).__name__}, on whose centers bonds act, got {one.tangential_stiffness:g} and "
+            f"{one.tangential_damping:g}"
+        )
+
+
+def refuse_tangential_springs(effects: tuple[Any, ...]) -> None:
+    """Refuse bonds with tangential springs where only those along bonds have an energy.
+
+    Raises
+    ------
+    ValueError
+        Naming the effect and the way out.
+
+    """
+    one = bonds_of(effects)
+    if one is not None and one.tangential_stiffness:
+        raise ValueError(
+            f"scene.effects[{effects.index(one)}] must have tangential_stiffness=0.0 here: tangential springs of bonds "
+            "have no energy of positions, since they stretch as particles move and turn on their way, got "
+            f"{one.tangential_stiffness:g}; use pm.complex_modulus or pm.simulate"
+        )
 
 
 def _same(one: Any, other: Any) -> bool:

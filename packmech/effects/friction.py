@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from packmech.effects.pair import effect
 
@@ -35,3 +35,14 @@ class Friction(NamedTuple):
     def tangential_force(self, stretch: float, slip: float) -> float:
         """Return the force along the contact for a stretch of the spring and a slip speed, before the cap [force]."""
         return self.stiffness * stretch + self.damping * slip
+
+
+def friction_of(effects: tuple[Any, ...]) -> Friction | None:
+    """Return the friction among the effects; None without."""
+    return next((one for one in effects if isinstance(one, Friction)), None)
+
+
+def acting_friction(effects: tuple[Any, ...]) -> Friction | None:
+    """Return the friction among the effects; None without, and where its coefficient is 0."""
+    found = friction_of(effects)
+    return found if found and found.coefficient > 0.0 else None

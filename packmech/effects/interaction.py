@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from packmech.contacts.elements import Elements
 from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
+from packmech.effects.bonds import bonds_of, unbonded
+from packmech.effects.laws import law_energy, law_first, law_second
 from packmech.effects.pair import hook_of
 from packmech.jit.compiled import compiled_form, kernel
 from packmech.packing import Packing
@@ -104,12 +106,12 @@ def reach_beyond_contact(effects: tuple[Any, ...], radius_n: NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Interactions:
-    """Pairs within the reach of a scene's interactions, and what these say of them.
+    """Pairs whose centers act on each other whether they touch or not: bonded ones, and those within reach.
 
     Attributes
     ----------
     pairs
-        The pairs by their centers, whether they touch or not.
+        The pairs by their centers; contact distances of bonded ones are the rest lengths of the bonds.
     energy_c
         (C,) energies [energy].
     first_ck
@@ -164,8 +166,21 @@ class Interactions:
 
     def select(self, keep_c: NDArray[Any]) -> Interactions:
         """Return the pairs that a mask or an index array names."""
-        parts = (self.energy_c, self.first_ck, self.second_ckk, self.turning_ct, self.bending_cxx)
-        return Interactions(self.pairs.select(keep_c), *(part[keep_c] for part in parts))
+        return Interactions(self.pairs.select(keep_c), *(part[keep_c] for part in self._parts()))
+
+    def joined(self, other: Interactions | None) -> Interactions:
+        """Return these pairs, and then others (None: no others)."""
+        if other is None:
+            return self
+        parts, names = zip(self._parts(), other._parts(), strict=True), ("i_c", "j_c", "image_cd", "normal_cd")
+        lengths = ("distance_c", "contact_distance_c")
+        pairs: dict[str, Any] = {
+            name: np.concatenate([getattr(one.pairs, name) for one in (self, other)]) for name in (*names, *lengths)
+        }
+        return Interactions(replace(self.pairs, **pairs), *(np.concatenate(both) for both in parts))
+
+    def _parts(self) -> tuple[NDArray[np.float64], ...]:
+        return self.energy_c, self.first_ck, self.second_ckk, self.turning_ct, self.bending_cxx
 
     def among(self, index_n: NDArray[np.int64]) -> Interactions:
         """Return the pairs between these particles alone, numbered in their order."""
@@ -204,12 +219,12 @@ def _laws(effects, distance_c, contact_distance_c, alignment_c, energy_c, first_
 
 
 def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interactions:
-    """Return the pairs within reach of a scene's interactions; none where it has none.
+    """Return the pairs that bonds join, and others within reach of a scene's interactions; none where it has neither.
 
     Parameters
     ----------
     packing
-        The packing. Linked pairs at the link's image, and pairs within a rigid cluster, do not interact.
+        The packing. Linked pairs at the link's image, pairs within a rigid cluster, and bonded pairs do not interact.
     effects
         The scene's effects.
 
@@ -219,15 +234,47 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
     if acting:
         beyond = reach_beyond_contact(acting, packing.radius_n)
         near = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=beyond)
-    pairs = pair_contacts(packing, *near)
+    pairs = unbonded(pair_contacts(packing, *near), effects)
     pairs = pairs.select(~Excluded(packing).mask(pairs.i_c, pairs.j_c, pairs.image_cd))
     alignment, turning, bending = _alignments(packing, pairs)
     energy, first, second = np.zeros(len(pairs)), np.zeros((len(pairs), 2)), np.zeros((len(pairs), 2, 2))
     if acting:
         _laws(acting, pairs.distance_c, pairs.contact_distance_c, alignment, energy, first, second)
     found = Interactions(pairs, energy, first, second, turning, bending)
-    acts = (energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2))
-    return found.select(acts)
+    return found.select((energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2))).joined(
+        bonded_pairs(packing, effects)
+    )
+
+
+@kernel
+def _normal_springs(compression, tension, distance_b, rest_b, energy_b, first_bk, second_bkk):  # type: ignore[no-untyped-def]
+    """Fill in the laws of bonds, which know no directions; return nothing."""
+    for b in range(distance_b.shape[0]):
+        r, rest = distance_b[b], rest_b[b]
+        if r < rest:
+            energy_b[b] = law_energy(compression, r, rest)
+            first_bk[b, 0] = law_first(compression, r, rest)
+            second_bkk[b, 0, 0] = law_second(compression, r, rest)
+        else:
+            energy_b[b] = law_energy(tension, r, rest)
+            first_bk[b, 0] = law_first(tension, r, rest)
+            second_bkk[b, 0, 0] = law_second(tension, r, rest)
+
+
+def bonded_pairs(packing: Packing, effects: tuple[Any, ...]) -> Interactions | None:
+    """Return the pairs that bonds join and the energies of their normal springs, in the bonds' order; None without.
+
+    Tangential springs are slack as a scene starts (`Bonds`), so that they have no part in energies and forces.
+    """
+    bonds = bonds_of(effects)
+    if bonds is None:
+        return None
+    pairs = pair_contacts(packing, bonds.i_b, bonds.j_b, bonds.image_bd)
+    pairs = replace(pairs, contact_distance_c=bonds.rest_length_b)
+    energy, first, second = np.zeros(len(bonds)), np.zeros((len(bonds), 2)), np.zeros((len(bonds), 2, 2))
+    _normal_springs(bonds.compression, bonds.tension, pairs.distance_c, bonds.rest_length_b, energy, first, second)
+    _, turning, bending = _alignments(packing, pairs)
+    return Interactions(pairs, energy, first, second, np.zeros_like(turning), np.zeros_like(bending))
 
 
 def _alignments(

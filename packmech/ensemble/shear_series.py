@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import brief, function, instance, integer, one_of, positive, real, two_axes
-from packmech.effects import Bonds, Friction
+from packmech.effects import Bonds, Friction, bonds_of, friction_of
 from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
 from packmech.ensemble.members import member_of
@@ -85,11 +85,11 @@ def controlled(scene: Scene, control: str, friction: float | None) -> Scene:
 
     """
     effects = scene.effects
-    bonds = next((one for one in effects if isinstance(one, Bonds)), None)
+    bonds = bonds_of(effects)
     if control in ("bulk", "uncrosslinked") and bonds is None:
         raise ValueError(f"controls must not hold {control!r} where prepare(seed) returns a scene without Bonds")
     if friction is not None:
-        if not any(isinstance(one, Friction) for one in effects):
+        if not friction_of(effects):
             raise ValueError("frictions must be None where prepare(seed) returns a scene without Friction")
         effects = tuple(one._replace(coefficient=friction) if isinstance(one, Friction) else one for one in effects)
     if control == "bulk":

@@ -16,23 +16,23 @@ from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
 from packmech.contacts.rattlers import rough_ends_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
-    Bonds,
     Interactions,
     ShapedTerms,
     acts_on_single,
     contact_terms,
     find_interactions,
+    friction_of,
     held_particles,
     refuse_unknown_to_shapes,
     shaped_terms,
     single_terms,
     total_push,
+    unbonded,
 )
 from packmech.effects.single import SingleTerms
 from packmech.honors import STRAINED, honors
 from packmech.jit.blas import single_thread
-from packmech.measure.bonds import BondedPairs, bonded_pairs, unbonded
-from packmech.measure.friction import friction_of, sum_both, tangential_forces
+from packmech.measure.friction import sum_both, tangential_forces
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.scene import Scene
 
@@ -54,8 +54,6 @@ class ContactForces:
         (C,) normal forces, positive for repulsion [force].
     tangential_cd
         (C, d) tangential forces on particle i [force].
-    bonded
-        Bonds, which act between centers; None without.
 
     """
 
@@ -63,7 +61,6 @@ class ContactForces:
     contacts: Contacts | ShapeContacts
     normal_c: NDArray[np.float64]
     tangential_cd: NDArray[np.float64]
-    bonded: BondedPairs | None = None
 
     @functools.cached_property
     def limit(self) -> CoulombLimit:
@@ -91,7 +88,7 @@ class ContactForces:
 
     @functools.cached_property
     def interactions(self) -> Interactions:
-        """What acts between centers beyond contact, perhaps nothing."""
+        """What acts between centers whether these touch or not, bonds among it; perhaps nothing."""
         return find_interactions(self.scene.packing, self.scene.effects)
 
     @functools.cached_property
@@ -102,8 +99,6 @@ class ContactForces:
         """
         force = self.force_cd
         net = sum_both(self.contacts, force, -force) + self._pushes.force_nd
-        if self.bonded is not None:
-            net += self.bonded.forces()
         if len(self.interactions):
             net += self.interactions.net()[:, : net.shape[1]]
         return self._free(net)
@@ -159,8 +154,6 @@ class ContactForces:
         held = held_particles(self.scene.effects, self.scene.packing.particles)
         push, pushes = total_push(self._pushes.terms, held)
         size, count = float(np.abs(self.normal_c).sum()) + push, len(self.contacts) + pushes
-        if self.bonded is not None:
-            size, count = size + float(np.abs(self.bonded.terms.first_c).sum()), count + len(self.bonded.pairs)
         size, count = size + float(np.abs(self.interactions.first_ck[:, 0]).sum()), count + len(self.interactions)
         return size / count if count else 0.0
 
@@ -184,7 +177,7 @@ class ContactForces:
         pull = links.pairs.normal_cd * tension[:, None]
         force = self._free(force + sum_both(links.pairs, pull, -pull))
         turning = np.einsum("nkt,nt->nk", packing.turn_nkt, self.torque_nk[:, : packing.turn_nkt.shape[2]])
-        if friction_of(self.scene) is not None:
+        if friction_of(self.scene.effects) is not None:
             turning = self.torque_nk / packing.radius_n[:, None]
         return float(np.sqrt(max((one**2).sum(axis=1).max() for one in (force, turning))))
 
@@ -192,8 +185,6 @@ class ContactForces:
     def contact_stress_dd(self) -> NDArray[np.float64]:
         """The (d, d) stress that contacts and bonds bear [energy/length^d], tension positive, row = force component."""
         virial = np.asarray(self.force_cd.T @ self.contacts.vector_cd) + self.interactions.virial()
-        if self.bonded is not None:
-            virial = virial + self.bonded.virial()
         return virial / self.scene.packing.box.volume
 
     @property
@@ -307,7 +298,7 @@ def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _coefficient(scene: Scene) -> float:
-    friction = friction_of(scene)
+    friction = friction_of(scene.effects)
     return 0.0 if friction is None else friction.coefficient
 
 
@@ -358,7 +349,7 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
     # 0 - u', so that a contact without a force has 0 and not -0
     normal = 0.0 - terms.first_c * contacts.push_c
     across = tangential_forces(scene, contacts, normal).force_cd
-    return ContactForces(scene, contacts, normal, across, bonded_pairs(scene.effects, scene.packing))
+    return ContactForces(scene, contacts, normal, across)
 
 
 class SinglePush(NamedTuple):
@@ -447,9 +438,8 @@ def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
     clusters that can be moved as a whole.
     """
     packing, effects = scene.packing, scene.effects
-    if packing.tangential is not None or friction_of(scene) is not None:
-        unbonded = tuple(one for one in effects if not isinstance(one, Bonds))
-        return contact_forces(scene.replace(effects=unbonded)).rattlers_n
+    if packing.tangential is not None or friction_of(scene.effects) is not None:
+        return resting_forces(scene).rattlers_n
     if packing.links and not acts_on_single(effects):
         return find_rattling_clusters(packing).rattling_n
-    return rattlers_among(packing, touching_pairs(packing, None), effects)
+    return rattlers_among(packing, unbonded(touching_pairs(packing, None), effects), effects)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.effects import Friction
+from packmech.effects import friction_of
 from packmech.links import named_rows
 from packmech.scene import Scene
 
@@ -19,11 +19,6 @@ class TangentialForces(NamedTuple):
 
     force_cd: NDArray[np.float64]
     energy_c: NDArray[np.float64]
-
-
-def friction_of(scene: Scene) -> Friction | None:
-    """Return the friction of a scene; None without."""
-    return next((one for one in scene.effects if isinstance(one, Friction)), None)
 
 
 def tangential_forces(
@@ -41,7 +36,7 @@ def tangential_forces(
         (C,) normal forces, positive for repulsion [force].
 
     """
-    count, d, friction = len(contacts), contacts.dimension, friction_of(scene)
+    count, d, friction = len(contacts), contacts.dimension, friction_of(scene.effects)
     springs = scene.packing.tangential
     if friction is None or springs is None:
         return TangentialForces(np.zeros((count, d)), np.zeros(count))

@@ -27,7 +27,14 @@ from packmech.contacts.elements import distance_rows, end_slopes
 from packmech.contacts.given import check_given, contacts_of
 from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, turns_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import Walls, find_interactions, held_particles, single_effects, wall_sides
+from packmech.effects import (
+    Walls,
+    find_interactions,
+    held_particles,
+    single_effects,
+    wall_sides,
+    with_bonds_as_links,
+)
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, factorize
@@ -66,7 +73,7 @@ def rattlers_among(
 
     Linked particles go together: a cluster rattles if it can be moved as a whole, and not where it closes around the
     box. What has a weight, or feels another potential, presses on whatever it touches: it rattles only where it touches
-    nothing; so does a cluster of particles that turn, whose links take any force.
+    nothing; so does a cluster of particles that turn, whose links take any force. Bonds count as links.
 
     Parameters
     ----------
@@ -78,6 +85,7 @@ def rattlers_among(
         Coefficient of friction [1].
 
     """
+    packing = with_bonds_as_links(packing, effects)
     d, cluster, held = packing.dimension, packing.cluster_n, packing.winding_n.copy()
     fixed = held_particles(effects, packing.particles)
     if fixed is not None:
@@ -96,8 +104,7 @@ def rattlers_among(
     inside = (cluster[contacts.i_c] == cluster[contacts.j_c]) & (
         contacts.image_cd == offset[contacts.j_c] - offset[contacts.i_c]
     ).all(axis=1)
-    pulled = cluster[pulls.body_e] == cluster[pulls.other_e]
-    between = ~np.concatenate([inside, inside, np.zeros(len(walls.body_e), dtype=bool), pulled])
+    between = ~np.concatenate([inside, inside, np.zeros(len(walls.body_e) + len(pulls.body_e), dtype=bool)])
     body, other, push, side = (part[between] for part in ends)
     ends = Ends(cluster[body], np.where(other < 0, -1, cluster[other]), push, side)
     bodies = int(cluster.max()) + 1
@@ -108,8 +115,12 @@ def rattlers_among(
 
 
 def _interaction_ends(packing: Packing, effects: tuple[Any, ...]) -> Ends:
-    """Return the ends of interactions, which hold particles both ways: by distances, and directions by alignments."""
-    found, turn = find_interactions(packing, effects), packing.turn_nkt
+    """Return the ends of interactions, which hold particles both ways: by distances, and directions by alignments.
+
+    Those within a cluster hold nothing.
+    """
+    found, turn, cluster = find_interactions(packing, effects), packing.turn_nkt, packing.cluster_n
+    found = found.select(cluster[found.pairs.i_c] != cluster[found.pairs.j_c])
     i, j, d = found.pairs.i_c, found.pairs.j_c, packing.dimension
     rows = [end_slopes(i, j, found.slope_ckx[:, k], turn, d) for k in range(2 if turn.size else 1)]
     slope = np.concatenate([one.reshape(-1, d + turn.shape[1]) for one in rows])

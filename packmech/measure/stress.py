@@ -67,8 +67,6 @@ def energy(scene: Scene) -> float:
     pairs, terms = found.contacts, single_push(scene).terms
     springs = tangential_forces(scene, pairs, found.normal_c).energy_c
     whole = float(np.add.reduce(contact_terms(scene.effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
-    if found.bonded is not None:
-        whole += float(np.add.reduce(found.bonded.terms.energy_c))
     whole += float(np.add.reduce(found.interactions.energy_c))
     return whole + float(np.add.reduce(springs)) + float(np.add.reduce(terms.energy_n))
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 import functools
 import time
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -30,26 +29,25 @@ from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.contacts.tangential_elements import tangential_elements
 from packmech.effects import (
     BackgroundDamping,
-    Bonds,
-    Friction,
-    find_interactions,
+    acting_friction,
+    bonds_of,
+    friction_of,
     is_bound,
     pair_first,
     refuse_tangential_bonds,
     refuse_unknown_to_shapes,
     single_terms,
     total_push,
+    unbonded,
 )
 from packmech.effects.single import places_in_cell
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.measure.bonds import BondedPairs, bonded_pairs, bonds_of, unbonded
 from packmech.measure.friction import tangential_forces
 from packmech.mechanics.assembly import Assembled, assemble
-from packmech.mechanics.frictional import acting_friction
 from packmech.mechanics.network import network_among
 from packmech.mechanics.relaxation import general_factors
-from packmech.mechanics.system import closed_terms, single_second
+from packmech.mechanics.system import across_bonds, closed_terms, single_second
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -168,64 +166,27 @@ class _ViscoelasticResponse:
         return np.asarray(total.reshape(d, d) + self.elastic.slope_nq[:, :d].T @ answer_nq[:, :d])
 
 
-class _RestingPairs(NamedTuple):
-    """Contacts or bonds at rest: derivatives of their energies, dashpots, and the same across, with forces there."""
-
-    pairs: Contacts | ShapeContacts
-    first_c: NDArray[np.float64]
-    second_c: NDArray[np.float64]
-    damping_c: NDArray[np.float64]
-    tangential_cd: NDArray[np.float64]
-    tangential_stiffness: float
-    tangential_damping: float
-
-    def elements(self, packing: Packing) -> tuple[Elements, Elements]:
-        """Return springs and dashpots, those across their directions among them where there are any."""
-        slack, none = np.zeros_like(self.first_c), np.zeros_like(self.tangential_cd)
-        springs = (self.first_c, self.second_c, self.tangential_cd, self.tangential_stiffness)
-        dashpots = (slack, self.damping_c, none, self.tangential_damping)
-        return self._one(packing, *springs), self._one(packing, *dashpots)
-
-    def _one(
-        self,
-        packing: Packing,
-        first_c: NDArray[np.float64],
-        second_c: NDArray[np.float64],
-        tangential_cd: NDArray[np.float64],
-        stiffness: float,
-    ) -> Elements:
-        if stiffness == 0.0:
-            return elements_of(self.pairs, first_c, second_c)
-        return tangential_elements(self.pairs, packing.radius_n, first_c, second_c, tangential_cd, stiffness)[0]
-
-
-def _touching(scene: Scene) -> _RestingPairs:
-    """Return the contacts of a scene that are not bonded."""
-    found = touching_pairs(scene.packing, None, second=True)
-    found = unbonded(found, scene.effects)
-    terms, friction = closed_terms(scene, found), acting_friction(scene)
+def _touching(scene: Scene, found: Contacts | ShapeContacts) -> tuple[Elements, Elements]:
+    """Return the springs and the dashpots of contacts, those across them among these where there is friction."""
+    terms, friction = closed_terms(scene, found), acting_friction(scene.effects)
     acting, sigma = [one for one in scene.effects if not is_bound(one)], found.contact_distance_c
     damping = [
         sum(pair_first(one, r, s, 1.0) - pair_first(one, r, s, 0.0) for one in acting)
         for r, s in zip(np.minimum(found.distance_c, sigma).tolist(), sigma.tolist(), strict=True)
     ]
-    tangential, stiffness, tangential_damping = np.zeros_like(found.vector_cd), 0.0, 0.0
-    if friction is not None:
-        tangential = tangential_forces(scene, found, -terms.first_c).force_cd
-        stiffness, tangential_damping = friction.stiffness, friction.damping
-    normal_damping = np.array(damping, dtype=float)
-    return _RestingPairs(
-        found, terms.first_c, terms.second_c, normal_damping, tangential, stiffness, tangential_damping
-    )  # fmt: skip
-
-
-def _bonded(bonds: Bonds, found: BondedPairs) -> _RestingPairs:
-    """Return the bonds of a packing, whose tangential springs are slack at rest."""
-    pairs, terms = found
-    damping, slack = np.full(len(bonds), bonds.damping), np.zeros_like(pairs.normal_cd)
-    return _RestingPairs(
-        pairs, terms.first_c, terms.second_c, damping, slack, bonds.tangential_stiffness, bonds.tangential_damping
+    slack, none, damping_c = (
+        np.zeros_like(terms.first_c),
+        np.zeros_like(found.vector_cd),
+        np.array(damping, dtype=float),
     )
+    springs, dashpots = elements_of(found, terms.first_c, terms.second_c), elements_of(found, slack, damping_c)
+    radius = scene.packing.radius_n
+    if friction is not None and friction.stiffness:
+        across = tangential_forces(scene, found, -terms.first_c).force_cd
+        springs = tangential_elements(found, radius, terms.first_c, terms.second_c, across, friction.stiffness)[0]
+    if friction is not None and friction.damping:
+        dashpots = tangential_elements(found, radius, slack, damping_c, none, friction.damping)[0]
+    return springs, dashpots
 
 
 @honors(
@@ -289,22 +250,21 @@ def complex_modulus(
     drag = _drag(scene)
     refuse_unknown_to_shapes(scene)
     refuse_tangential_bonds(scene.effects, packing.shapes)
-    bonds = bonds_of(scene.effects)
-    touching, bonded = _touching(scene), bonded_pairs(scene.effects, packing)
-    found = [touching] if bonds is None or bonded is None else [touching, _bonded(bonds, bonded)]
-    if not any(len(one.pairs) for one in found):
-        raise ValueError("scene must have contacts or bonds, got none")
+    contacts = unbonded(touching_pairs(packing, None, second=True), scene.effects)
     # bonds of other shapes than discs and spheres turn none
-    surfaces = Friction if packing.shapes.has_orientations else Friction | Bonds
-    turn = packing.spin_nkk if any(isinstance(one, surfaces) for one in scene.effects) else packing.turn_nkt
-    network = network_among(packing, touching.pairs, np.ones(n, dtype=bool), scene.effects, turn)
+    rough = friction_of(scene.effects) or (not packing.shapes.has_orientations and bonds_of(scene.effects))
+    turn = packing.spin_nkk if rough else packing.turn_nkt
+    network = network_among(packing, contacts, np.ones(n, dtype=bool), scene.effects, turn)
+    if not len(contacts) + len(network.interactions):
+        raise ValueError("scene must have contacts or bonds, got none")
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
-    springs, dashpots = zip(*(one.elements(packing) for one in found), strict=True)
-    springs = (*springs, find_interactions(packing, scene.effects).elements())
+    touching, damping = _touching(scene, contacts)
+    springs = (touching, network.interactions.elements(), *across_bonds(scene.effects, network))
+    dashpots = (damping, *across_bonds(scene.effects, network, dashpots=True))
     single, gradients = single_second(scene, network), np.eye(d * d).reshape(-1, d, d)
     elastic = assemble(springs, turn, d, single_nqq=single, basis_edd=gradients)
     viscous = assemble(dashpots, turn, d, basis_edd=gradients)
-    rest = _rest(scene, springs, elastic.slope_nq, free)
+    rest = _rest(scene, springs[:2], elastic.slope_nq, free)
     if rest > _REST:
         raise ValueError(f"scene must be at rest, got a net force of {rest:.2g} mean contact forces")
     strain = direction.ravel()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
-from packmech.effects import Friction
+from packmech.effects import Friction, acting_friction, bonds_of
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import (
@@ -23,10 +23,8 @@ from packmech.linalg.mandel import (
     stiffness_tensor,
     trace_vector,
 )
-from packmech.measure.bonds import bonds_of
 from packmech.measure.contact_forces import ContactForces, force_residual, resting_forces
 from packmech.mechanics.frictional import (
-    acting_friction,
     check_frictional,
     find_sliding,
     frictional_network,
@@ -451,7 +449,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
-@honors("repulsion friction bonds interactions links shapes", at_rest=True, apart="friction+bonds")
+@honors("repulsion friction bonds interactions links shapes", at_rest=True)
 def elastic_moduli(
     scene: Scene,
     *,
@@ -473,6 +471,8 @@ def elastic_moduli(
     volume. Negative and zero modes are those of its symmetric part: where none is negative every small motion takes
     work (Hill's second-order work), which is enough for stability and not needed for it. A coefficient of 0 is no
     friction.
+
+    Bonds are springs, those across them slack at rest, which turn discs and spheres as friction does.
 
     Ellipses and spheroids turn while they relax: a strain moves their centers and by itself turns none. With friction
     linked discs turn each about its own center, which links do not feel.
@@ -533,10 +533,13 @@ def elastic_moduli(
     instance("scene", scene, Scene)
     one_of("kind", kind, KINDS)
     at_limit = _at_limit(contacts_at_limit, scene.packing.dimension)
-    rough = acting_friction(scene) is not None
+    bonds = bonds_of(scene.effects)
+    rough = acting_friction(scene.effects) is not None
     if not rough:
         # a coefficient of zero holds nothing, and springs of such contacts are slack
         scene = scene.without(Friction).replace(packing=scene.packing.replace(tangential=None))
+        # tangential springs of bonds turn discs and spheres, as friction does
+        rough = bonds is not None and bonds.tangential_stiffness > 0.0
     with single_thread():
         found = _rough_response(scene, kind, rattlers, gap_tolerance, at_limit) if rough else None
         if found is None:
@@ -578,11 +581,6 @@ def _rough_response(
     scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None, at_limit: str | NDArray[np.float64]
 ) -> _RoughResponse:
     """Return how a frictional packing relaxes while contacts at the limit do what is asked for."""
-    if bonds_of(scene.effects) is not None:
-        raise ValueError(
-            "scene.effects must hold no Bonds beside Friction for pm.elastic_moduli, since rattlers with friction know "
-            "contacts alone: leave one out with scene.without(pm.Bonds), or use pm.complex_modulus"
-        )
     # what contacts add is the same: "paper" leaves out the forces of links
     check_frictional("exact" if kind == "paper" else kind, gap_tolerance=gap_tolerance)
     contacts = frictional_network(scene, rattlers)
@@ -599,7 +597,8 @@ def _rough_response(
         contacts.chosen_c[sliding],
         contacts.chosen_c[contacts.at_limit_c],
         int(np.count_nonzero(contacts.doubtful_c)),
-        float((contacts.forces.force_cd * contacts.network.contacts.vector_cd).sum()),
+        float((contacts.forces.force_cd * contacts.network.contacts.vector_cd).sum())
+        + float(np.trace(contacts.network.interactions.virial())),
     )
 
 

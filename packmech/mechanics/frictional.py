@@ -25,15 +25,14 @@ from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import pair_rows
 from packmech.contacts.tangential_elements import tangential_elements
-from packmech.effects import ContactTerms, Friction
+from packmech.effects import ContactTerms, acting_friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces
-from packmech.measure.friction import friction_of
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
-from packmech.mechanics.system import System, assembled_system, closed_terms
+from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms
 from packmech.scene import Scene
 
 # kinds of stiffness
@@ -43,12 +42,6 @@ _SETS = 200
 # eigenvalues below this fraction of the largest are zero; Arnoldi's method looks this far below zero
 _ZERO, _NEAR = 1e-10, 1e-6
 _DENSE_ROWS, _DENSE_LIMIT = 600, 3000
-
-
-def acting_friction(scene: Scene) -> Friction | None:
-    """Return the scene's friction; None without, and where its coefficient is 0."""
-    friction = friction_of(scene)
-    return None if friction is None or friction.coefficient == 0.0 else friction
 
 
 def check_frictional(kind: Kind, contacts_at_limit: str = "stick", gap_tolerance: float | None = None) -> None:
@@ -96,7 +89,7 @@ def frictional_system(
     scene: Scene, found: FrictionalNetwork, kind: Kind, sliding_c: NDArray[np.bool_]
 ) -> tuple[System, NDArray[np.float64]]:
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
-    network, terms, friction = found.network, found.terms, acting_friction(scene)
+    network, terms, friction = found.network, found.terms, acting_friction(scene.effects)
     coefficient, stiffness = (0.0, 0.0) if friction is None else (friction.coefficient, friction.stiffness)
     contacts, beyond = tangential_elements(
         network.contacts,
@@ -109,7 +102,8 @@ def frictional_system(
         sliding_c,
         kind,
     )
-    return assembled_system(scene, network, kind, contacts=contacts), beyond
+    surfaces = (contacts, *across_bonds(scene.effects, network))
+    return assembled_system(scene, network, kind, surfaces=surfaces), beyond
 
 
 class SlidingResponse(NamedTuple):
@@ -157,7 +151,7 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
     return SlidingResponse(system, relaxation, sliding, False)
 
 
-@honors("repulsion friction links shapes", at_rest=True)
+@honors("repulsion friction bonds interactions links shapes", at_rest=True)
 def stiffness_matrix(
     scene: Scene,
     strain: BoxStrain = "free",
@@ -174,7 +168,8 @@ def stiffness_matrix(
     the volume. Tangential springs grow by the slip and turn with their contacts, as in the engine. It is symmetric
     where no contact carries a tangential force and none slides. Without friction, or with a coefficient of 0, its part
     for positions and strains is `hessian` where discs and spheres are not linked. Rotations are about the principal
-    axes of the particles. Links, which are constraints, add what their forces do as they turn.
+    axes of the particles. Links, which are constraints, add what their forces do as they turn; bonds and interactions
+    beyond contact act as springs.
 
     Parameters
     ----------
@@ -289,7 +284,7 @@ class FrictionalModes:
         return np.asarray(np.abs(self.eigenvalue_m) <= _ZERO * self.largest)
 
 
-@honors("repulsion friction links shapes", at_rest=True)
+@honors("repulsion friction bonds interactions links shapes", at_rest=True)
 def frictional_modes(
     scene: Scene,
     count: int | None = None,

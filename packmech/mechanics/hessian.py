@@ -323,7 +323,7 @@ def is_stable(scene: Scene, *, strain: BoxStrain, gap_tolerance: float | None = 
     plain = scene.replace(packing=scene.packing.replace(tangential=None))
     system = system_of(plain, "exact", gap_tolerance=gap_tolerance)
     network, links, d = system.network, system.links, system.network.dimension
-    if not len(network.index_n) or not (len(network.contacts) or network.bonded):
+    if not len(network.index_n) or not (len(network.contacts) or len(network.interactions)):
         return False
     pinned = network.pinned_f
     matrix = system.matrix(pinned)

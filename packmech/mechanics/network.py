@@ -14,8 +14,7 @@ from packmech.check import one_of
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import ContactTerms, acts_on_single, held_particles
-from packmech.measure.bonds import BondedPairs, bonded_pairs, unbonded, with_bonds_as_links
+from packmech.effects import Interactions, acts_on_single, find_interactions, held_particles, unbonded
 from packmech.measure.rattlers import rattlers_among
 from packmech.packing import Packing
 
@@ -44,8 +43,8 @@ class Network:
         Which of these can move: not those of particles that are held.
     anchored
         Whether walls, held particles or potentials keep the packing at its place.
-    bonded
-        Bonds among the kept particles; None without.
+    interactions
+        What acts between centers of the kept particles whether these touch or not, bonds among it; perhaps nothing.
 
     """
 
@@ -57,7 +56,7 @@ class Network:
     there_nq: NDArray[np.bool_]
     free_nq: NDArray[np.bool_]
     anchored: bool
-    bonded: BondedPairs | None = None
+    interactions: Interactions
 
     @functools.cached_property
     def packing(self) -> Packing:
@@ -87,7 +86,7 @@ class Network:
         """The coordinates that can move once the best connected particle stays: no translation is left."""
         pinned = self.free_nq.copy()
         if len(pinned) and not self.anchored:
-            pairs = self.contacts.count_n() + (0 if self.bonded is None else self.bonded.pairs.count_n())
+            pairs = self.contacts.count_n() + self.interactions.pairs.count_n()
             pinned[int(np.argmax(pairs)), : self.dimension] = False
         return pinned.ravel()
 
@@ -135,7 +134,7 @@ def contact_network(
     contacts = unbonded(touching_pairs(packing, gap_tolerance, second=second), effects)
     kept = np.ones(packing.particles, dtype=bool)
     if rattlers == "remove":
-        kept = ~rattlers_among(with_bonds_as_links(packing, effects), contacts, effects)
+        kept = ~rattlers_among(packing, contacts, effects)
     return network_among(packing, contacts, kept, effects, packing.turn_nkt)
 
 
@@ -173,9 +172,5 @@ def network_among(
             left = packing.select(index)
         contacts = contacts.among(kept_n).numbered(number, left)
     links = ConstraintFactor(left if len(index) else packing.replace(links=None))
-    bonded = bonded_pairs(effects, packing)
-    if bonded is not None and not kept_n.all():
-        keep = kept_n[bonded.pairs.i_c] & kept_n[bonded.pairs.j_c]
-        terms = ContactTerms(*(one[keep] for one in bonded.terms))
-        bonded = BondedPairs(bonded.pairs.select(keep).numbered(number, left), terms)
-    return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects), bonded)
+    beyond = find_interactions(packing, effects).among(index)
+    return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects), beyond)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.effects import held_particles, lacking_second
+from packmech.effects import acting_friction, held_particles, lacking_second
 from packmech.linalg.factor import NotDefinite
-from packmech.mechanics.frictional import acting_friction, frictional_network, frictional_system
+from packmech.mechanics.frictional import frictional_network, frictional_system
 from packmech.mechanics.linked_systems import (
     SOFT,
     Operator,
@@ -128,7 +128,7 @@ def stability(scene: Scene, unbalanced: float = 0.0) -> Stability:
         return Stability(None, reason)
     radius = float(scene.packing.radius_n.min())
     try:
-        if acting_friction(scene) is not None:
+        if acting_friction(scene.effects) is not None:
             return _sticking(scene, unbalanced / radius)
         operator, free = _curvature(scene)
         bound = stability_bound(_stiffest(operator), unbalanced, radius)

@@ -7,6 +7,7 @@ elements. Hessians, modes, moduli and the rest ask a `System`.
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,20 +20,22 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, elements_of, sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.contacts.tangential_elements import tangential_elements
 from packmech.effects import (
     ContactTerms,
-    Interactions,
     acts_on_single,
+    bonded_pairs,
+    bonds_of,
     contact_terms,
-    find_interactions,
     lacking_second,
     needs_second,
+    refuse_tangential_bonds,
+    refuse_tangential_springs,
     refuse_unknown_to_shapes,
     shaped_terms,
     single_terms,
 )
 from packmech.linalg.mandel import mandel_basis, trace_vector
-from packmech.measure.bonds import refuse_tangential_springs
 from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.network import Network, contact_network
 from packmech.packing import Packing
@@ -56,8 +59,6 @@ class System:
         What is assembled: contacts, bonds, and links as springs with a force and no stiffness.
     assembled
         Their sum, with what acts on single particles.
-    interactions
-        What acts between centers beyond contact, perhaps nothing.
 
     """
 
@@ -65,7 +66,6 @@ class System:
     terms: ContactTerms
     elements: tuple[Elements, ...]
     assembled: Assembled
-    interactions: Interactions
 
     @property
     def links(self) -> ConstraintFactor:
@@ -122,26 +122,23 @@ class System:
     @property
     def push(self) -> float:
         """The largest force of a contact under a unit strain."""
+        contacts, beyond = self.network.contacts, self.network.interactions
         largest = 0.0
-        for one, terms in self.springs:
+        for one, first_c, second_c in (
+            (contacts, self.terms.first_c, self.terms.second_c),
+            (beyond.pairs, beyond.first_ck[:, 0], beyond.second_ckk[:, 0, 0]),
+        ):
             size = np.sqrt((one.slope_cx[:, : one.dimension] ** 2).sum(axis=1))
-            push = (np.abs(terms.second_c) * one.distance_c + np.abs(terms.first_c)) * size
+            push = (np.abs(second_c) * one.distance_c + np.abs(first_c)) * size
             largest = max(largest, float(push.max(initial=0.0)))
         return largest
 
     @property
-    def springs(self) -> list[tuple[Contacts | ShapeContacts, ContactTerms]]:
-        """Contacts and bonds with the derivatives of their energies."""
-        bonded = self.network.bonded
-        return [(self.network.contacts, self.terms), *([] if bonded is None else [(bonded.pairs, bonded.terms)])]
-
-    @property
     def virial_of_springs(self) -> float:
         """The sum of du/dr r over all pairs but links, whatever the kind of second derivatives [energy]."""
-        found = float(np.trace(self.interactions.virial()))
-        for one, terms in self.springs:
-            found += float(terms.first_c @ (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1))
-        return found
+        one = self.network.contacts
+        along_c = (one.slope_cx[:, : one.dimension] * one.vector_cd).sum(axis=1)
+        return float(self.terms.first_c @ along_c + np.trace(self.network.interactions.virial()))
 
 
 def system_of(
@@ -187,24 +184,22 @@ def assembled_system(
     *,
     strained: bool = True,
     link_stiffness: float = 0.0,
-    contacts: Elements | None = None,
+    surfaces: Sequence[Elements] = (),
 ) -> System:
     """Return the second derivatives of a scene's energy on a network; with springs along the links where asked for.
 
-    Contacts are those of pairs whose energies depend on their distances alone, unless others are given.
+    Contacts are those of pairs whose energies depend on their distances alone, unless `surfaces` are given: the
+    contacts, and tangential springs of bonds.
     """
     one = network.contacts
     terms = closed_terms(scene, one)
-    first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
-    elements = [elements_of(one, first, terms.second_c) if contacts is None else contacts]
-    interactions = find_interactions(scene.packing, scene.effects).among(network.index_n)
-    if len(interactions):
-        elements.append(interactions.elements(kind))
-    if network.bonded is not None:
+    elements = list(surfaces)
+    if not elements:
         refuse_tangential_springs(scene.effects)
-        bonds, springs = network.bonded
-        pull = np.zeros_like(springs.first_c) if kind == "unstressed" else springs.first_c
-        elements.append(elements_of(bonds, pull, springs.second_c))
+        first = np.zeros_like(terms.first_c) if kind == "unstressed" else terms.first_c
+        elements.append(elements_of(one, first, terms.second_c))
+    if len(network.interactions):
+        elements.append(network.interactions.elements(kind))
     if len(network.links) and (kind == "exact" or link_stiffness):
         tension = np.zeros(len(network.links))
         if kind == "exact":
@@ -218,7 +213,26 @@ def assembled_system(
         single_nqq=single_second(scene, network, kind),
         basis_edd=None if strained else np.zeros((0, d, d)),
     )
-    return System(network, terms, tuple(elements), assembled, interactions)
+    return System(network, terms, tuple(elements), assembled)
+
+
+def across_bonds(effects: tuple[Any, ...], network: Network, *, dashpots: bool = False) -> list[Elements]:
+    """Return the tangential springs of bonds, which are slack at rest, or their dashpots, along and across; or nothing.
+
+    Springs along the bonds are among the network's interactions.
+    """
+    bonds = bonds_of(effects)
+    if bonds is None or not (dashpots or bonds.tangential_stiffness):
+        return []
+    refuse_tangential_bonds(effects, network.parent.shapes)
+    found = bonded_pairs(network.parent, effects)
+    assert found is not None
+    pairs = found.among(network.index_n).pairs
+    none, slack = np.zeros(len(pairs)), np.zeros_like(pairs.normal_cd)
+    along, across = (bonds.damping, bonds.tangential_damping) if dashpots else (0.0, bonds.tangential_stiffness)
+    if not across:
+        return [elements_of(pairs, none, none + along)]
+    return [tangential_elements(pairs, network.packing.radius_n, none, none + along, slack, across)[0]]
 
 
 def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTerms:

@@ -15,14 +15,11 @@ from packmech.box import Box
 from packmech.check import finite_array, instance, integer, positive, real
 from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
-from packmech.contacts import find_contacts
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import is_interaction, pair_energy, reach_beyond_contact
 from packmech.effects.pair import pair_elastic
 from packmech.loop.run_loop import RunLoop, RunSettings
-from packmech.measure.bonds import bonds_of, unbonded
-from packmech.measure.stress import stress_tensor
-from packmech.minimize.passes.bond_rows import bonds_of_rows
+from packmech.minimize.passes.interaction_rows import bonded_rows
 from packmech.minimize.passes.kernels import (
     CONVERGED,
     FLOOR,
@@ -311,10 +308,6 @@ class Program:
         force[self.order_r] = self.force_nd
         stress = totals.virial_dd[:d, :d] / self.box.volume
         contacts = int(totals.contacts)
-        if bonds_of(self.scene.effects) is not None:
-            # pair lists hold bonded pairs, which are no contacts
-            here = self.scene.replace(packing=self.packing())
-            stress, contacts = stress_tensor(here), len(unbonded(find_contacts(here.packing), here.effects))
         mean = sums.total / sums.touching if sums.touching else 0.0
         largest = math.sqrt(sums.largest)
         return Evaluation(
@@ -593,13 +586,13 @@ def build_program(scene: Scene) -> Program:
     else:
         # what acts on single particles sees those in the cell
         wrap = np.floor(fraction)
-    effects = (*effects, *bonds_of_rows(scene, order, wrap), *single)
     shapes = packing.shapes
     rows = packing.particles + len(shapes.coordinates(shapes, packing.radius_n))
-    effects = (*effects, *shape_rows(packing, order))
     row = np.zeros((rows, 4))
     row[: packing.particles, 3] = shapes.reach(packing.radius_n)[order]
     small, change = packing.box.reduced()
+    bonds, bonded = bonded_rows(scene, order, wrap, change)
+    effects = (*effects, *bonds, *single, *shape_rows(packing, order))
     sizes = size_levels(row[: packing.particles, 3].copy())
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
     diverges = _diverges(scene)
@@ -615,7 +608,7 @@ def build_program(scene: Scene) -> Program:
         wrap_nd=wrap,
         box=packing.box,
         change_dd=change,
-        space=Space(sizes, frame_of(small), 0.0),
+        space=Space(sizes, frame_of(small), 0.0, None, bonded),
         pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing.radius_n)),
         diverges=diverges,
         bearable_overlap=_bearable_overlap(scene, diverges),

@@ -18,6 +18,7 @@ from packmech.effects import (
     Harmonic,
     Repulsion,
     Walls,
+    bonds_of,
     held_particles,
     interactions_of,
     refuse_free_fall,
@@ -27,7 +28,6 @@ from packmech.effects import (
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
-from packmech.measure.bonds import bonds_of
 from packmech.mechanics.stability import Stability, stability
 from packmech.minimize.bodies_apart import report_of_bodies, separate
 from packmech.minimize.first_order.fire import Fire
@@ -62,7 +62,6 @@ _FLOORS = 8.0
     "repulsion bonds interactions gravity walls held links shapes",
     at_rest=True,
     rough="pm.settle",
-    apart="bonds+shapes",
 )
 def quench(
     scene: Scene,

@@ -12,7 +12,7 @@ import numpy as np
 
 from packmech.check import integer, positive, two_axes
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
-from packmech.effects import BackgroundDamping, Bonds, Repulsion
+from packmech.effects import BackgroundDamping, Repulsion, bonds_of
 from packmech.honors import honors
 from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
 from packmech.mechanics.elasticity import elastic_moduli
@@ -162,7 +162,7 @@ def equilibrate(
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     largest = positive("largest_oscillation", largest_oscillation)
     limit = integer("step_limit", step_limit, at_least=1)
-    bonded = any(isinstance(one, Bonds) for one in scene.effects)
+    bonded = bonds_of(scene.effects) is not None
     if frictionless is not None and not isinstance(frictionless, bool):
         raise TypeError(f"frictionless must be True, False or None, got {frictionless!r}")
     stages: list[Stage] = []

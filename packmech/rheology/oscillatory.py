@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
-from packmech.effects import Bonds, law_second, pair_second
+from packmech.effects import bonds_of, is_bound, law_second, pair_second
 from packmech.honors import honors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
@@ -220,11 +220,10 @@ def characteristic_time(scene: Scene) -> float:
 
     """
     sigma = scene.packing.reference_diameter
-    pairs = [one for one in scene.effects if not isinstance(one, Bonds)]
+    bonds, pairs = bonds_of(scene.effects), [one for one in scene.effects if not is_bound(one)]
     stiffness = abs(sum(pair_second(one, (1.0 - _TOUCH) * sigma, sigma) for one in pairs))
-    if stiffness == 0.0:
-        bonds = [one for one in scene.effects if isinstance(one, Bonds)]
-        stiffness = max((abs(law_second(one.compression, (1.0 - _TOUCH) * sigma, sigma)) for one in bonds), default=0.0)
+    if stiffness == 0.0 and bonds is not None:
+        stiffness = abs(law_second(bonds.compression, (1.0 - _TOUCH) * sigma, sigma))
     if not stiffness > 0.0:
         raise ValueError("relative_frequency must be left out where contacts have no stiffness: give frequency")
     return math.sqrt(float(scene.packing.mass_n.mean()) / stiffness)

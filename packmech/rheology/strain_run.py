@@ -37,7 +37,7 @@ from packmech.dynamics.observables import (
 )
 from packmech.dynamics.pair_forces import Touching, touching_of
 from packmech.dynamics.simulation import Snapshot, orientations_at, snapshot_arrays, snapshot_bounds, snapshots_of
-from packmech.effects import Bonds, Friction
+from packmech.effects import bonds_of, friction_of
 from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.checkpoint import Arrays, IndexBounds, saved_array, scene_fingerprints
 from packmech.measure.counting import packing_fraction
@@ -535,5 +535,5 @@ class StrainTask:
 
 
 def _turns(scene: Scene) -> bool:
-    rough = any(isinstance(one, Friction | Bonds) for one in scene.effects)
-    return rough or scene.packing.shapes.has_orientations
+    rough = friction_of(scene.effects) or bonds_of(scene.effects)
+    return bool(rough) or scene.packing.shapes.has_orientations

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from packmech.box import Box
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import Bonds, Walls, contact_terms
+from packmech.effects import Walls, bonds_of, contact_terms
 from packmech.links import number_by_first
 from packmech.measure.stress import tension_of
 from packmech.packing import Packing
@@ -213,11 +213,6 @@ def wall_outlines(effects: Sequence[Any], box: Box) -> list[NDArray[np.float64]]
     return found
 
 
-def bonds_among(effects: Sequence[Any]) -> Bonds | None:
-    """Return the bonds among the effects, if there are any."""
-    return next((one for one in effects if isinstance(one, Bonds) and len(one)), None)
-
-
 def view_axes() -> NDArray[np.float64]:
     """Return the directions across, up and toward the eye as columns, for packings in space."""
     toward = np.array(VIEW) / np.linalg.norm(VIEW)
@@ -239,7 +234,7 @@ def particle_colors(
     span = float(np.ptp(packing.radius_n))
     share_n = (packing.radius_n - packing.radius_n.min()) / span if span > 0 else np.ones_like(packing.radius_n)
     color_nc = between(SMALL, LARGE, share_n)
-    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_among(effects)
+    hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_of(tuple(effects))
     joined = np.flatnonzero(np.diff(packing.shapes.start_n) > 1)
     color_nc[joined] = hues[np.arange(len(joined)) % len(hues)]
     if len(links):

@@ -17,9 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import finite_array, instance, integer
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import Bonds
+from packmech.effects import bonds_of
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import device, kernel
+from packmech.links import named_rows
 from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.view import drawing
@@ -163,7 +164,10 @@ def drawn_contacts(
         force = np.abs(finite_array("force_c", force_c, shape=(len(contacts),), what="contact"))
     else:
         force = contact_forces(contacts, effects)
-    apart = not_bonded(contacts, effects)
+    bonds, apart = bonds_of(effects), np.ones(len(contacts), dtype=bool)
+    if bonds is not None:
+        named = (contacts.i_c, contacts.j_c, contacts.image_cd)
+        apart = named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0
     return DrawnContacts(contacts.select(apart), force[apart], sliding[apart])
 
 
@@ -180,22 +184,6 @@ def contact_forces(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...])
     finite = np.isfinite(force) & (force < 1e150)
     force[~finite] = force[finite].max(initial=1.0)
     return force
-
-
-def not_bonded(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
-    """Return the (C,) marks of pairs that no bond joins."""
-    apart = np.ones(len(contacts), dtype=bool)
-    for bonds in (one for one in effects if isinstance(one, Bonds) and len(one)):
-        apart &= ~np.isin(
-            _keys(contacts.i_c, contacts.j_c, contacts.image_cd), _keys(bonds.i_b, bonds.j_b, bonds.image_bd)
-        )
-    return apart
-
-
-def _keys(i_p: NDArray[np.int64], j_p: NDArray[np.int64], image_pd: NDArray[np.int64]) -> NDArray[np.void]:
-    """Return one record for each pair."""
-    rows = np.ascontiguousarray(np.column_stack([i_p, j_p, image_pd]), dtype=np.int64)
-    return rows.view([("", np.int64)] * rows.shape[1]).ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,15 +302,15 @@ class _Picture:
         return _Lines(end, drawing.force_radii(force_c[pair_s], unit, d), color)
 
     def _bonds(self, effects: tuple[Any, ...]) -> list[_Lines]:
-        found = []
-        for bonds in (one for one in effects if isinstance(one, Bonds) and len(one)):
-            end, pair_s, _ = self.cell.lines(bonds.i_b, bonds.j_b, bonds.image_bd)
-            extension = np.linalg.norm(end[:, 1] - end[:, 0], axis=1) / bonds.rest_length_b[pair_s] - 1.0
-            mean = float(np.abs(extension).mean())
-            pull = extension / mean if mean > SLACK else np.zeros(len(pair_s))
-            width = np.full(len(pair_s), drawing.BOND_WIDTH * self.packing.reference_diameter)
-            found.append(_Lines(end, width, drawing.tension_colors(pull, shape=False).astype(np.float64)))
-        return found
+        bonds = bonds_of(effects)
+        if bonds is None:
+            return []
+        end, pair_s, _ = self.cell.lines(bonds.i_b, bonds.j_b, bonds.image_bd)
+        extension = np.linalg.norm(end[:, 1] - end[:, 0], axis=1) / bonds.rest_length_b[pair_s] - 1.0
+        mean = float(np.abs(extension).mean())
+        pull = extension / mean if mean > SLACK else np.zeros(len(pair_s))
+        width = np.full(len(pair_s), drawing.BOND_WIDTH * self.packing.reference_diameter)
+        return [_Lines(end, width, drawing.tension_colors(pull, shape=False).astype(np.float64))]
 
     def _links(self, contacts: Any, effects: tuple[Any, ...]) -> list[_Lines]:
         links = self.packing.links

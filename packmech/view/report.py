@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from packmech.check import BoxStrain, function, instance, integer, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
-from packmech.effects import acts_on_single
+from packmech.effects import acts_on_single, friction_of
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in
 from packmech.measure.counting import packing_fraction
-from packmech.measure.friction import friction_of
 from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
@@ -296,7 +295,7 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     backbone = packing.particles - int(rattler_n.sum())
     isostatic: int | None = isostatic_contacts(backbone, packing.dimension, strain, linked.get("backbone_links", 0))
     at_limit: dict[str, Any] = {}
-    if friction_of(scene) is not None:
+    if friction_of(scene.effects) is not None:
         rough = contact_forces(scene)
         isostatic = math.ceil(0.5 * backbone * rough.isostatic_coordination)
         at_limit = {name: rough.to_dict()[name] for name in ("contacts_at_limit", "doubtful_at_limit")}

@@ -14,6 +14,7 @@ from packmech.box import Box
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
+from packmech.effects import bonds_of
 from packmech.links import image_offsets
 from packmech.measure.contact_forces import force_balance, rattlers_in
 from packmech.measure.stress import energy, pressure
@@ -471,7 +472,7 @@ def draw_moving(frame: PackingFrame, effects: Sequence[Any]) -> DrawnFrame:
         shape_sed=line_sed[shape_s],
         shape_tension_s=np.zeros(int(shape_s.sum())),
     )
-    bonds = drawing.bonds_among(effects)
+    bonds = bonds_of(effects)
     bond, pull = none, zero
     if bonds is not None:
         bond, pair_s, vector = cell.lines(bonds.i_b, bonds.j_b, bonds.image_bd)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.minimize.program import build_program
 
 LAW, PULL = pm.LinearSpring(2.0), pm.ExponentialTension(1.5, 0.2)
 
@@ -189,14 +190,102 @@ def test_a_quench_ends_where_bonds_and_contacts_balance_in_a_minimum(dimension, 
         assert found == pytest.approx(moduli.cauchy @ pm.mandel_vector(shear), rel=1e-5, abs=1e-6)
 
 
-def test_a_quench_takes_bonds_of_discs_and_spheres_by_forces_alone(rest):
-    with pytest.raises(ValueError, match=r"method must be none of second derivatives .* got Newton\(\)"):
-        pm.quench(rest, force_tolerance=1e-9, method=pm.Newton())
-    with pytest.raises(ValueError, match=r"scene.packing must be of discs or spheres where bonds are relaxed"):
-        pm.quench(bonded(**SCENES["ellipses"]), force_tolerance=1e-9)
+@pytest.mark.parametrize("shapes", [pm.Ellipses(1.4), pm.Trimer()], ids=["ellipses", "bodies"])
+def test_bonds_of_shapes_are_relaxed_as_those_of_discs(shapes):
+    scene = bonded(shapes=shapes, particles=8)
+    run = pm.quench(scene, force_tolerance=1e-9)
+    end = scene.replace(packing=run.packing)
+    assert run.residual <= 1e-9 and run.report["negative_modes"] == 0
+    # the loops of minimizers and what is measured of a packing agree
+    program = build_program(end)
+    assert program.evaluate().energy == pytest.approx(pm.energy(end), rel=1e-12)
+    assert np.abs(pm.forces(end)).max() < 1e-8 * np.abs(pm.forces(scene)).max()
+    here = build_program(scene).evaluate()
+    assert here.force_nd[:8] == pytest.approx(pm.forces(scene), abs=1e-12)
+    assert here.contacts == pm.elastic_moduli(scene, rattlers="keep").contacts
 
 
-@pytest.mark.parametrize("call", [pm.hessian, pm.normal_modes, pm.elastic_moduli])
+@pytest.fixture(scope="module", params=[2, 3])
+def rough(request):
+    """Return frictional discs or spheres at rest in a crystal, a third of whose contacts are bonds, pushed across."""
+    d = request.param
+    name, repeats = {2: ("triangular", (3, 3)), 3: ("fcc", (2, 2, 1))}[d]
+    packing = pm.lattice_packing(name, repeats=repeats, relative_overlap=0.02)
+    bonds = pm.bond_contacts(packing, compression=LAW, tension=LAW, tangential_stiffness=0.3, rest="contact")
+    bonds = bonds.select(np.arange(len(bonds)) % 3 == 0)
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Friction(0.4, stiffness=0.7), bonds))
+    smooth = (pm.Repulsion(), dataclasses.replace(bonds, tangential_stiffness=0.0))
+    run = pm.quench(pm.Scene(packing, smooth), force_tolerance=1e-13, check=False)
+    return scene.replace(packing=run.packing)
+
+
+def slips(packing, contacts, change_nq):
+    """Return the (C, 3) slips at the points of contact of displacements and rotations, these measured in lengths."""
+    d, radius = packing.dimension, packing.radius_n
+    u, spin, normal = np.zeros((len(radius), 3)), np.zeros((len(radius), 3)), np.zeros((len(contacts), 3))
+    u[:, :d], normal[:, :d] = change_nq[:, :d], contacts.normal_cd
+    turned = np.einsum("nk,nkt->nt", change_nq[:, d:], packing.spin_nkk)
+    spin[:, 3 - turned.shape[1] :] = turned
+    i, j = contacts.i_c, contacts.j_c
+    arm = contacts.distance_c / (radius[i] + radius[j])
+    rate = u[j] - u[i] - np.cross((arm * radius[i])[:, None] * spin[i] + (arm * radius[j])[:, None] * spin[j], normal)
+    return rate - (rate * normal).sum(axis=1)[:, None] * normal
+
+
+def test_moduli_with_friction_and_bonds_are_those_at_low_frequencies(rough):
+    moduli = pm.elastic_moduli(rough)
+    slow = {mode: pm.complex_modulus(rough, [1e-6], mode=mode).modulus_f[0].real for mode in ("uniaxial", "isotropic")}
+    d = rough.packing.dimension
+    cauchy, one = moduli.cauchy, np.eye(d)
+    assert cauchy[0, 0] == pytest.approx(slow["uniaxial"], rel=1e-6)
+    assert moduli.bulk_modulus == pytest.approx(slow["isotropic"] / d, rel=1e-6)
+    # bonds hold: without them, or with slack ones across, the packing is softer
+    free = rough.without(pm.Bonds)
+    assert pm.mandel_vector(one) @ cauchy @ pm.mandel_vector(one) > 0.0 and len(free.effects) == 2
+    (*others, bonds) = rough.effects
+    slack = rough.replace(effects=(*others, dataclasses.replace(bonds, tangential_stiffness=0.0)))
+    assert pm.elastic_moduli(slack).shear_modulus < moduli.shear_modulus
+
+
+def test_the_stiffness_with_friction_and_bonds_is_the_difference_of_forces(rough):
+    (*others, bonds) = rough.effects
+    # tangential springs stretch along the way: those of bonds and contacts left out, forces are functions of places
+    normal = (pm.Repulsion(), pm.Friction(0.4, stiffness=1e-12), dataclasses.replace(bonds, tangential_stiffness=0.0))
+    scene, step = rough.replace(effects=normal), 1e-6
+    n, d = scene.packing.position_nd.shape
+    matrix = pm.stiffness_matrix(scene, "none").toarray()
+    direction = np.random.default_rng(5).normal(size=(n, d))
+    change = np.zeros((n, len(matrix) // n))
+    change[:, :d] = direction
+    ends = [pm.forces(moved(scene, side * step * direction)) for side in (1.0, -1.0)]
+    expected = (ends[1] - ends[0]) / (2.0 * step)
+    found = (matrix @ change.ravel()).reshape(change.shape)[:, :d]
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+    # slack tangential springs add half their stiffness times the square of the slip
+    change[:, d:] = np.random.default_rng(6).normal(size=change[:, d:].shape)
+    more = pm.stiffness_matrix(rough, "none").toarray() - matrix
+    contacts = pm.find_contacts(rough.packing)
+    pairs = {tuple(row) for row in np.column_stack([bonds.i_b, bonds.j_b, bonds.image_bd])}
+    names = zip(contacts.i_c, contacts.j_c, contacts.image_cd, strict=True)
+    is_bond = np.array([(i, j, *image) in pairs for i, j, image in names])
+    stiffness = np.where(is_bond, bonds.tangential_stiffness, 0.7)
+    square = (slips(rough.packing, contacts, change) ** 2).sum(axis=1)
+    assert 0 < is_bond.sum() == len(bonds) < len(contacts)
+    assert change.ravel() @ more @ change.ravel() == pytest.approx((stiffness * square).sum(), rel=1e-9)
+    modes = pm.frictional_modes(rough)
+    assert modes.residual < 1e-10 and (modes.eigenvalue_m.real > -1e-9 * modes.largest).all()
+
+
+def test_tangential_springs_of_bonds_stiffen_without_friction(rest):
+    (law, bonds) = rest.effects
+    stiff = rest.replace(effects=(law, dataclasses.replace(bonds, tangential_stiffness=0.5)))
+    moduli = pm.elastic_moduli(stiff)
+    found = pm.complex_modulus(stiff, [1e-6]).modulus_f[0].real
+    assert moduli.shear_modulus == pytest.approx(found, rel=1e-6)
+    assert moduli.shear_modulus > 1.1 * pm.elastic_moduli(rest).shear_modulus
+
+
+@pytest.mark.parametrize("call", [pm.hessian, pm.normal_modes])
 def test_tangential_springs_have_no_energy_and_are_refused_by_name(rest, call):
     (law, bonds) = rest.effects
     stiff = rest.replace(effects=(law, dataclasses.replace(bonds, tangential_stiffness=0.5)))

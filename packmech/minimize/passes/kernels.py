@@ -15,7 +15,14 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import CompiledLinks, add_tensions, project_rows, projected, refresh
+from packmech.constraints.compiled_links import (
+    CompiledLinks,
+    LinkedPairs,
+    add_tensions,
+    project_rows,
+    projected,
+    refresh,
+)
 from packmech.contacts.cells import Frame, Sizes
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.compiled import device, inlined, inner_kernel, kernel
@@ -37,12 +44,16 @@ RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
 
 
 class Space(NamedTuple):
-    """What stays fixed while particles move: sizes, box, resolution of positions (rounding times extent), links."""
+    """What stays fixed while particles move: sizes, box, resolution of positions (rounding times extent), links.
+
+    And bonded pairs, which are no contacts.
+    """
 
     sizes: Sizes
     frame: Frame
     resolution: float
     links: CompiledLinks | None = None
+    bonded: LinkedPairs | None = None
 
 
 class Goal(NamedTuple):

@@ -241,7 +241,7 @@ def follow(axes, row, space, pairs):
     if 2.0 * _farthest(row, pairs.outer_anchor_nd) + number[SKIN_INNER] > number[SKIN_OUTER]:
         reach = number[BEYOND] + number[SKIN_FULL]
         found = find_pairs(axes, row[: pairs.anchor_nd.shape[0]], space.sizes, space.frame, 1.0, reach)
-        pairs = rebuilt(without_linked(space.links, found), row, pairs)
+        pairs = rebuilt(without_linked(space.bonded, without_linked(space.links, found)), row, pairs)
     place_images(space.frame, pairs)
     pick(axes, row, pairs, number[SKIN_INNER])
     anchor(row, pairs.anchor_nd)

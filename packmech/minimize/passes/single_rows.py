@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
 from packmech.jit.compiled import compiled_form, device, inlined
-from packmech.minimize.passes.bond_rows import RowsBonded, push_bonded, survey_bonded
 from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.scene import Scene
 
@@ -132,7 +131,7 @@ def _push_rows(one: Any, shapes: Any, axes: Any, row: Any, force_nd: Any, low: A
 @compiled_form(_push_rows)
 def _choose_push_rows(one: Any, shapes: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
     kind: Any = getattr(one, "instance_class", None)
-    return {RowsPushed: _push, RowsHeld: _hold, RowsBonded: push_bonded}.get(kind, _leave)
+    return {RowsPushed: _push, RowsHeld: _hold}.get(kind, _leave)
 
 
 @device
@@ -190,7 +189,7 @@ def _survey_rows(one: Any, shapes: Any, row: Any, stiffness_n: Any) -> tuple[flo
 @compiled_form(_survey_rows)
 def _choose_survey_rows(one: Any, shapes: Any, row: Any, stiffness_n: Any) -> Any:
     kind: Any = getattr(one, "instance_class", None)
-    return {RowsPushed: _survey_pushed, RowsHeld: _survey_held, RowsBonded: survey_bonded}.get(kind, _survey_none)
+    return {RowsPushed: _survey_pushed, RowsHeld: _survey_held}.get(kind, _survey_none)
 
 
 @device

@@ -108,7 +108,9 @@ def refreshed(axes, row, space):
         for b in range(len(axes)):
             largest = max(largest, abs(frame.lattice_dd[a, b]))
     resolution = 2.220446049250313e-16 * largest
-    return Space(space.sizes, Frame(frame.lattice_dd, frame.inverse_dd, frame.height_d), resolution, space.links)
+    return Space(
+        space.sizes, Frame(frame.lattice_dd, frame.inverse_dd, frame.height_d), resolution, space.links, space.bonded
+    )
 
 
 @device
