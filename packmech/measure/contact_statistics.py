@@ -20,13 +20,6 @@ from packmech.packing import Packing, no_tangential
 from packmech.scene import Scene
 
 
-def _normals(contacts: Contacts | ShapeContacts) -> NDArray[np.float64]:
-    """Return the (C, d) directions in which contacts press on j."""
-    if isinstance(contacts, Contacts):
-        return contacts.normal_cd
-    return np.asarray(contacts.slope_cx[:, : contacts.dimension] / contacts.push_c[:, None])
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactStatistics:
     """Numbers and directions of the contacts between particles that do not rattle.
@@ -119,7 +112,7 @@ def contact_statistics(
     if rattlers == "remove":
         loose = find_rattlers(packing, gap_tolerance=gap_tolerance)
         contacts = contacts.among(~loose)
-    d, normal = packing.dimension, _normals(contacts)
+    d, normal = packing.dimension, contacts.normal_cd
     if d == 2:
         angle = np.mod(np.arctan2(normal[:, 1], normal[:, 0]), np.pi)
         edges = np.pi * np.arange(number + 1) / number
