@@ -11,7 +11,7 @@ import functools
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -111,8 +111,6 @@ class Honors:
         Whether it takes a packing, which has no effects.
     rough, shaped
         The call that does the same with friction, and with shapes, where there is one.
-    apart
-        Pairs of columns of which it honors each, but refuses both in one scene.
     link_tolerance
         Largest error of a link's length that it takes, over the larger of that and the mean diameter [1].
     remarks
@@ -126,9 +124,13 @@ class Honors:
     packing_only: bool = False
     rough: str = ""
     shaped: str = ""
-    apart: tuple[tuple[str, str], ...] = ()
     link_tolerance: float = LINK_TOLERANCE
     remarks: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def apart(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of columns of which it honors each, but refuses both in one scene."""
+        return tuple(pair for pair in _NOT_BESIDE if set(pair) <= set(self.columns))
 
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
@@ -151,9 +153,9 @@ class Honors:
     def _check_beside(self, name: str, effects: Sequence[Any]) -> None:
         """Refuse effects of which the call honors each, but which no call honors in one scene."""
         found = {column: (k, type(one).__qualname__) for k, one in enumerate(effects) for column in columns_of(one)}
-        for (one, other), (why, way) in _NOT_BESIDE.items():
-            if one in found and other in found and {one, other} <= set(self.columns):
-                (k, kind), (m, beside) = found[one], found[other]
+        for one, other in self.apart:
+            if one in found and other in found:
+                (k, kind), (m, beside), (why, way) = found[one], found[other], _NOT_BESIDE[one, other]
                 raise ValueError(
                     f"{name}.effects must not hold {kind} beside {beside} for pm.{self.call}: {why}, got them at {k} "
                     f"and {m}: {way}, or leave one out with scene.without(pm.{beside})"
@@ -201,18 +203,18 @@ class Honors:
 CALLS: dict[str, Honors] = {}
 
 
-def declare(
-    call: str,
-    columns: str,
-    *,
-    at_rest: bool = False,
-    packing_only: bool = False,
-    rough: str = "",
-    shaped: str = "",
-    apart: str = "",
-    link_tolerance: float = LINK_TOLERANCE,
-    remarks: Mapping[str, str] | None = None,
-) -> Honors:
+class HowHonored(TypedDict, total=False):
+    """How a call honors what it does: fields of `Honors`."""
+
+    at_rest: bool
+    packing_only: bool
+    rough: str
+    shaped: str
+    link_tolerance: float
+    remarks: Mapping[str, str]
+
+
+def declare(call: str, columns: str, **how: Unpack[HowHonored]) -> Honors:
     """Return the declaration of a call, entered in the table; for classes, which check what they are given themselves.
 
     Parameters
@@ -221,42 +223,26 @@ def declare(
         The public name.
     columns
         Names of `COLUMNS` that it honors, with spaces between.
-    at_rest, packing_only, rough, shaped, link_tolerance, remarks
-        As in `Honors`.
-    apart
-        What it honors, but not both at once: "friction+links friction+shapes"; friction with walls goes without saying.
+    how
+        Fields of `Honors`.
 
     """
     named = tuple(columns.split())
-    pairs = tuple((one, other) for one, _, other in (pair.partition("+") for pair in apart.split()))
-    pairs += tuple(pair for pair in _NOT_BESIDE if set(pair) <= set(named))
-    unknown = [one for one in (*named, *(one for pair in pairs for one in pair)) if one not in COLUMNS]
+    unknown = [one for one in named if one not in COLUMNS]
     if unknown:
         raise ValueError(f"columns must be among {', '.join(COLUMNS)}, got {unknown[0]}")
-    CALLS[call] = Honors(
-        call, named, at_rest, packing_only, rough, shaped, pairs, link_tolerance, remarks or {}
-    )  # fmt: skip
+    CALLS[call] = Honors(call, named, **how)
     return CALLS[call]
 
 
-def honors(
-    columns: str,
-    *,
-    at_rest: bool = False,
-    packing_only: bool = False,
-    rough: str = "",
-    shaped: str = "",
-    apart: str = "",
-    link_tolerance: float = LINK_TOLERANCE,
-    remarks: Mapping[str, str] | None = None,
-) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def honors(columns: str, **how: Unpack[HowHonored]) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator for a public function of a scene or a packing: what it honors.
 
     The argument of that name is what is checked, or the first where neither name is among them.
 
     Parameters
     ----------
-    columns, at_rest, packing_only, rough, shaped, apart, link_tolerance, remarks
+    columns, how
         As in `declare`.
 
     """
@@ -265,17 +251,7 @@ def honors(
         names = list(inspect.signature(function).parameters)
         place = next((names.index(one) for one in ("scene", "packing") if one in names), 0)
         name = names[place]
-        declared = declare(
-            function.__name__,
-            columns,
-            at_rest=at_rest,
-            packing_only=packing_only,
-            rough=rough,
-            shaped=shaped,
-            apart=apart,
-            link_tolerance=link_tolerance,
-            remarks=remarks,
-        )
+        declared = declare(function.__name__, columns, **how)
 
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:

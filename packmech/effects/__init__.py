@@ -17,10 +17,10 @@ from packmech.effects.body import (
 from packmech.effects.bonds import (
     Bonds,
     bonds_of,
+    links_and_bonds,
     refuse_tangential_bonds,
     refuse_tangential_springs,
     unbonded,
-    with_bonds_as_links,
 )
 from packmech.effects.damping import ContactDamping
 from packmech.effects.friction import Friction, acting_friction, friction_of
@@ -74,7 +74,6 @@ from packmech.effects.single import (
     lacking_second,
     needs_second,
     refuse_free_fall,
-    refuse_single,
     refuse_unknown_to_shapes,
     shaped_terms,
     single_effects,
@@ -136,13 +135,13 @@ __all__ = [
     "law_scale",
     "law_second",
     "lacking_second",
+    "links_and_bonds",
     "needs_second",
     "pair_elastic",
     "pair_energy",
     "pair_first",
     "pair_second",
     "refuse_free_fall",
-    "refuse_single",
     "refuse_tangential_bonds",
     "refuse_tangential_springs",
     "refuse_unknown_to_shapes",
@@ -155,7 +154,6 @@ __all__ = [
     "spin_drag",
     "unbonded",
     "wall_sides",
-    "with_bonds_as_links",
 ]
 
 

@@ -154,14 +154,13 @@ def unbonded(contacts: T, effects: tuple[Any, ...]) -> T:
     return cast(T, contacts.select(named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0))
 
 
-def with_bonds_as_links(packing: Packing, effects: tuple[Any, ...]) -> Packing:
-    """Return the packing with its bonds as links besides its own: what bonds join goes together, as clusters do."""
+def links_and_bonds(packing: Packing, effects: tuple[Any, ...]) -> Links:
+    """Return the packing's links and its bonds as such: what bonds join goes together, as clusters do."""
     bonds = bonds_of(effects)
     if bonds is None:
-        return packing
+        return packing.links
     length = pair_contacts(packing, bonds.i_b, bonds.j_b, bonds.image_bd).distance_c
-    links = Links(bonds.i_b, bonds.j_b, bonds.image_bd, length)
-    return packing.replace(links=packing.links.joined(links))
+    return packing.links.joined(Links(bonds.i_b, bonds.j_b, bonds.image_bd, length))
 
 
 def refuse_tangential_bonds(effects: tuple[Any, ...], shapes: Any) -> None:

@@ -72,14 +72,6 @@ def needs_second(effects: tuple[Any, ...], what: str) -> None:
             )
 
 
-def refuse_single(effects: tuple[Any, ...], what: str) -> None:
-    """Refuse what acts on single particles, and particles that are held."""
-    for k, one in enumerate(effects):
-        if isinstance(one, FixedParticles) or hasattr(type(one), "body_energy"):
-            name = type(one).__qualname__
-            raise ValueError(f"scene.effects[{k}] must not be there for {what}, which would ignore it, got {name}")
-
-
 def acts_on_single(effects: tuple[Any, ...]) -> bool:
     """Return whether anything pushes or holds single particles: potentials and walls, or what holds them."""
     return bool(single_effects(effects)) or any(isinstance(one, FixedParticles) and one.particles for one in effects)

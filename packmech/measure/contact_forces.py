@@ -81,6 +81,11 @@ class ContactForces:
         """The (C, d) whole forces on particle i [force]."""
         return np.asarray(self.tangential_cd - self.normal_c[:, None] * self.contacts.normal_cd)
 
+    @property
+    def virial_c(self) -> NDArray[np.float64]:
+        """The (C,) forces times the vectors between centers, of which -trace(stress) is made [energy]."""
+        return np.asarray((self.force_cd * self.contacts.vector_cd).sum(axis=1))
+
     @functools.cached_property
     def _pushes(self) -> SinglePush:
         """What acts on single particles."""

@@ -31,9 +31,9 @@ from packmech.effects import (
     Walls,
     find_interactions,
     held_particles,
+    links_and_bonds,
     single_effects,
     wall_sides,
-    with_bonds_as_links,
 )
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -85,22 +85,23 @@ def rattlers_among(
         Coefficient of friction [1].
 
     """
-    packing = with_bonds_as_links(packing, effects)
-    d, cluster, held = packing.dimension, packing.cluster_n, packing.winding_n.copy()
+    d, links = packing.dimension, links_and_bonds(packing, effects)
+    cluster, (offset, held) = links.clusters(packing.particles), image_offsets(links, packing.particles)
+    held = held.copy()
     fixed = held_particles(effects, packing.particles)
     if fixed is not None:
         held |= fixed
     walls = _wall_ends(packing, effects)
     pressed = not all(isinstance(one, Walls) for one in single_effects(effects))
     turns = turns_of(packing.turn_nkt) | (rough is not None)
-    pulls = _interaction_ends(packing, effects)
-    if pressed or (turns.any() and len(packing.links)):
-        held |= contacts.count_n() > 0
-        held[walls.body_e] = held[pulls.body_e] = True
+    pulls = _interaction_ends(packing, effects, cluster)
+    touching = contacts.count_n() > 0
+    touching[walls.body_e] = touching[pulls.body_e] = True
+    held |= touching & (pressed | (turns & (np.bincount(cluster)[cluster] > 1)))
+    if pressed:
         return np.asarray(np.bincount(cluster, held)[cluster] == 0)
     ends = join_ends([ends_of(contacts) if rough is None else rough, walls, pulls])
     # a cluster's contact with its own image holds it, one within it does not
-    offset = packing.unwrapping_nd
     inside = (cluster[contacts.i_c] == cluster[contacts.j_c]) & (
         contacts.image_cd == offset[contacts.j_c] - offset[contacts.i_c]
     ).all(axis=1)
@@ -114,13 +115,13 @@ def rattlers_among(
     return rattling_bodies(ends, turns_b, d, friction=friction, held_b=held_b)[cluster]
 
 
-def _interaction_ends(packing: Packing, effects: tuple[Any, ...]) -> Ends:
+def _interaction_ends(packing: Packing, effects: tuple[Any, ...], cluster_n: NDArray[np.int64]) -> Ends:
     """Return the ends of interactions, which hold particles both ways: by distances, and directions by alignments.
 
     Those within a cluster hold nothing.
     """
-    found, turn, cluster = find_interactions(packing, effects), packing.turn_nkt, packing.cluster_n
-    found = found.select(cluster[found.pairs.i_c] != cluster[found.pairs.j_c])
+    found, turn = find_interactions(packing, effects), packing.turn_nkt
+    found = found.select(cluster_n[found.pairs.i_c] != cluster_n[found.pairs.j_c])
     i, j, d = found.pairs.i_c, found.pairs.j_c, packing.dimension
     rows = [end_slopes(i, j, found.slope_ckx[:, k], turn, d) for k in range(2 if turn.size else 1)]
     slope = np.concatenate([one.reshape(-1, d + turn.shape[1]) for one in rows])

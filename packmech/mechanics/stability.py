@@ -130,7 +130,7 @@ def stability(scene: Scene, unbalanced: float = 0.0) -> Stability:
     try:
         if acting_friction(scene.effects) is not None:
             return _sticking(scene, unbalanced / radius)
-        operator, free = _curvature(scene)
+        operator, free = curvature_of(scene)
         bound = stability_bound(_stiffest(operator), unbalanced, radius)
         negative = operator.below(-bound) if bound > 0.0 else 0
     except NotDefinite:
@@ -190,7 +190,7 @@ def _row_sum(operator: Operator) -> float:
     return float(np.asarray(abs(operator.matrix).sum(axis=1)).max(initial=0.0))
 
 
-def _curvature(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
+def curvature_of(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
     """Return the second derivative on the motions that links admit, and which of the (N, q) coordinates can move."""
     network = _whole(scene)
     system = assembled_system(scene, network, strained=False)

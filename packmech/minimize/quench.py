@@ -10,17 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, positive
-from packmech.constraints.factor import ConstraintFactor
-from packmech.constraints.redundancy import workable_links
 from packmech.contacts import crossing_links
 from packmech.effects import (
     FixedParticles,
     Harmonic,
     Repulsion,
     Walls,
-    bonds_of,
-    held_particles,
-    interactions_of,
+    lacking_second,
     refuse_free_fall,
     refuse_unknown_to_shapes,
     single_effects,
@@ -35,7 +31,7 @@ from packmech.minimize.first_order.lbfgs import LBFGS
 from packmech.minimize.minimizers import check_minimizer
 from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.program import Evaluation, Minimization, Minimizer, Program, build_program
-from packmech.minimize.second_order.newton import Newton, polish
+from packmech.minimize.second_order.newton import Newton, displaced, polish
 from packmech.observables import State, measure_added
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, Trace, unmet_conditions
@@ -154,11 +150,6 @@ def quench(
     every = None if trace_every is None else integer("trace_every", trace_every, at_least=1)
     settings = run_settings(step_limit=step_limit, time_limit=time_limit, progress=progress, check=check)
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
-    if descent.beyond and isinstance(method, Newton):
-        raise ValueError(
-            "method must be none of second derivatives for a scene with Bonds or interactions beyond contact, got "
-            "Newton(): use Fire()"
-        )
 
     def work() -> Outcome:
         descent.separate()
@@ -219,19 +210,8 @@ class _Descent:
         self.reached = self.program.evaluate()
         self.stability: Stability | None = None
         self._trace = trace
-        effects = scene.effects
-        acting = [one for one in effects if hasattr(type(one), "body_energy")]
-        # Newton takes second derivatives, nothing beyond contact, links and shapes only where nothing acts on single
-        # particles
-        self.beyond = bonds_of(effects) is not None or bool(interactions_of(effects))
-        self.to_the_end = (
-            self.beyond
-            or not all(hasattr(type(one), "body_second") for one in acting)
-            or (
-                not scene.packing.plain
-                and (bool(acting) or held_particles(effects, scene.packing.particles) is not None)
-            )
-        )
+        # Newton's method takes second derivatives
+        self.to_the_end = bool(lacking_second(scene.effects))
 
     def separate(self) -> None:
         """Relax deep overlaps of linked particles in the plane, and of rigid bodies, that nothing passes through."""
@@ -354,7 +334,7 @@ class _Descent:
         while size > _SHORTEST * diameter and best >= start:
             # where contacts close nearby, and where the curvature is small, only short steps go down
             for side in (1.0, -1.0):
-                energy = self._energy_at(_displaced(packing, side * size * direction))
+                energy = self._energy_at(displaced(packing, side * size * direction))
                 if energy < best:
                     sign, best = side, energy
             size *= 1.0 if best < start else 0.1
@@ -362,11 +342,11 @@ class _Descent:
             # the energy falls by less than its last digit
             size = _KICK * diameter
         while best < start and 2.0 * size <= _LONGEST * diameter:
-            energy = self._energy_at(_displaced(packing, sign * 2.0 * size * direction))
+            energy = self._energy_at(displaced(packing, sign * 2.0 * size * direction))
             if not energy < best:
                 break
             size, best = 2.0 * size, energy
-        self.program.put(_displaced(packing, sign * size * direction))
+        self.program.put(displaced(packing, sign * size * direction))
 
     def _energy_at(self, packing: Packing) -> float:
         """Return the energy with the particles where a packing has them."""
@@ -418,11 +398,6 @@ class _Descent:
             unmet=unmet_conditions(outcome, Condition("force residual", end.residual, tolerance)),
             report={**_crossings(self.scene.packing, packing), **judged},
         )
-
-
-def _displaced(packing: Packing, direction_nq: NDArray[np.float64]) -> Packing:
-    """Return the packing after displacements and turns, its links at their lengths."""
-    return ConstraintFactor(packing, workable_links(packing)).projected(packing.moved(direction_nq))
 
 
 def find_crossings(packing: Packing) -> set[tuple[int, ...]] | None:

@@ -24,6 +24,7 @@ from packmech.protocols.protocol import (
     PRESSED,
     Protocol,
     at_packing_fraction,
+    report_of,
     run_of,
     share_of,
 )
@@ -129,23 +130,12 @@ class Press(JamMethod):
         """Return the run that ended with the protocol's last packing, judged by the forces of all its contacts."""
         packing = protocol.last
         found = contact_forces(protocol.scene.replace(packing=packing))
-        counts = found.to_dict()
-        pressure = counts.pop("pressure")
-        stress = found.stress_dd + pressure * np.eye(packing.dimension)
-        report = {
-            "method": type(self).__name__,
-            "strain": protocol.strain,
-            "packing_fraction": packing_fraction(packing),
-            "pressure": pressure / protocol.scene.pressure_unit,
-            "pressure_asked": asked,
-            "particles": packing.particles,
-            **counts,
-            "stress_anisotropy": float(np.abs(stress).max() / abs(pressure)) if pressure else 0.0,
-            **protocol.report,
-        }
+        counts = {"particles": packing.particles, **found.to_dict()}
+        del counts["pressure"]
+        report = report_of(protocol, found, counts, asked, type(self).__name__)
         contacts, rattling = found.contacts, found.rattlers_n
         report["backbone_pressure"] = share = share_of(
-            -(found.force_cd * contacts.vector_cd).sum(axis=1), ~(rattling[contacts.i_c] | rattling[contacts.j_c])
+            found.virial_c, ~(rattling[contacts.i_c] | rattling[contacts.j_c])
         )
         if outcome.ok and outcome is not Outcome.UNJAMMED:
             judged_as = stability(found.scene, found.largest_imbalance)

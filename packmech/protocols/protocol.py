@@ -15,24 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import BoxStrain, instance, listed, positive, positive_array
-from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.projection import scale_box
-from packmech.constraints.redundancy import workable_links
-from packmech.contacts import Contacts, find_contacts
+from packmech.contacts import Contacts
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
-from packmech.contacts.shape_contacts import touching_pairs
-from packmech.effects import contact_terms, refuse_unknown_to_shapes
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.effects import refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.loop.run_loop import RunLoop, TimeUp
-from packmech.measure.contact_forces import force_balance, resting_forces
+from packmech.measure.contact_forces import ContactForces, resting_forces
 from packmech.measure.counting import packing_fraction
 from packmech.measure.rattlers import find_rattling_clusters
-from packmech.measure.stress import stress_tensor, sum_forces
-from packmech.mechanics.network import Network, contact_network
+from packmech.mechanics.network import contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.minimize.bodies_apart import report_of_bodies
 from packmech.minimize.first_order.fire import Fire
@@ -305,20 +302,10 @@ def at_packing_fraction(packing: Packing, value: float) -> Packing:
     return scale_box(packing, (packing_fraction(packing) / fraction) ** (1.0 / packing.dimension))
 
 
-def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
-    """Return N', rattlers, contacts between the N', and the isostatic number d N' - d + k for k free strains.
-
-    Parameters
-    ----------
-    contacts
-        The touching pairs.
-    strains
-        How many strains are free, the volume among them.
-
-    """
-    rattling = rattlers_of(contacts)
-    kept = int((~rattling).sum())
-    number = len(contacts.among(~rattling))
+def contact_count(contacts: Contacts | ShapeContacts, rattling_n: NDArray[np.bool_], strains: int) -> dict[str, Any]:
+    """Return N', rattlers, contacts between the N', and the isostatic number d N' - d + k for k free strains."""
+    kept = int((~rattling_n).sum())
+    number = len(contacts.among(~rattling_n))
     isostatic = contacts.dimension * (kept - 1) + strains if kept else 0
     return {
         "particles": contacts.particles,
@@ -329,7 +316,7 @@ def contact_count(contacts: Contacts, strains: int) -> dict[str, int]:
     }
 
 
-def linked_count(packing: Packing, contacts: Contacts, strain: BoxStrain) -> dict[str, Any]:
+def linked_count(packing: Packing, contacts: Any, strain: BoxStrain) -> dict[str, Any]:
     """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
 
     The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
@@ -402,55 +389,49 @@ def finish(
         CPU time of the start [s].
 
     """
-    scene = protocol.scene.replace(packing=packing)
-    if packing.shapes.has_orientations:
-        return _finish_shaped(protocol, scene, outcome, asked, method, began)
-    contacts = find_contacts(packing)
-    first_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
-    stress = stress_tensor(scene)
-    d = packing.dimension
-    pressure = (0.0 - float(np.trace(stress))) / d
-    residual = 0.0
-    # forces that are no more than rounding have no balance
-    if first_c.any() and outcome is not Outcome.UNJAMMED:
-        net, _, _ = ConstraintFactor(packing, workable_links(packing)).project(sum_forces(contacts, -first_c))
-        residual = float(np.sqrt((net**2).sum(axis=1)).max() / np.abs(first_c).mean())
-    report: dict[str, Any] = {
-        "method": method,
-        "strain": protocol.strain,
-        "packing_fraction": packing_fraction(packing),
-        "pressure": pressure / scene.pressure_unit,
-        "pressure_asked": asked,
-        **(
-            linked_count(packing, contacts, protocol.strain)
-            if packing.links
-            else contact_count(contacts, len(protocol.basis_kdd))
-        ),
-        "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
-        "patches": (),
-        **locked_links(packing),
-        **protocol.report,
-    }
-    share, pressed = None, False
-    if not packing.links:
-        carried = report["contacts"] > 0
-        free = report.get("floppy_modes", 0)
-        report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if carried else 0
-        rattling = rattlers_of(contacts)
-        loose_c = rattling[contacts.i_c] | rattling[contacts.j_c]
-        share = share_of(first_c * contacts.distance_c, ~loose_c)
-        # a particle that its contacts do not hold must bear no force, but for what is not balanced
-        allowed = (
-            max(protocol.force_tolerance, 10.0 * residual) * float(np.abs(first_c).mean()) if len(contacts) else 0.0
-        )
-        pressed = float(np.abs(first_c[loose_c]).max(initial=0.0)) > allowed
-    elif report["contacts"] is not None:
+    found = resting_forces(protocol.scene.replace(packing=packing))
+    contacts, plain = found.contacts, packing.plain
+    loose_n = rattlers_of(contacts)
+    loose_c = loose_n[contacts.i_c] | loose_n[contacts.j_c]
+    if packing.links:
+        counts = linked_count(packing, contacts, protocol.strain)
         # contacts of clusters that rattle as a whole bear no pressure, but where they are with own images
-        share = float(report["contacts"] > 0)
+        share = None if counts["contacts"] is None else float(counts["contacts"] > 0)
+    else:
+        counts = contact_count(contacts, loose_n, len(protocol.basis_kdd))
+        counts |= {} if plain else shaped_count(packing, protocol.strain)
+        share = share_of(found.virial_c, ~loose_c)
+    report = report_of(protocol, found, {**counts, "patches": (), **locked_links(packing)}, asked, method)
+    # forces that are no more than rounding have no balance
+    residual = found.residual if outcome is not Outcome.UNJAMMED else 0.0
+    if plain:
+        free = report.get("floppy_modes", 0)
+        report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if report["contacts"] else 0
     outcome = judged(protocol, packing, outcome, residual, report, share)
+    # a particle that its contacts do not hold must bear no force, but for what is not balanced
+    allowed = max(protocol.force_tolerance, 10.0 * residual) * found.mean_force
+    pressed = plain and float(np.abs(found.normal_c[loose_c]).max(initial=0.0)) > allowed
     if pressed and outcome.ok and outcome is not Outcome.UNJAMMED:
         outcome = Outcome.UNSTABLE
     return run_of(protocol, packing, outcome, residual, report, began)
+
+
+def report_of(
+    protocol: Protocol, found: ContactForces, counts: dict[str, Any], asked: float | None, method: str
+) -> dict[str, Any]:
+    """Return what is reported of the packing that a protocol ended with, its counts among it."""
+    packing, pressure = found.scene.packing, found.pressure
+    rest = found.stress_dd + pressure * np.eye(packing.dimension)
+    return {
+        "method": method,
+        "strain": protocol.strain,
+        "packing_fraction": packing_fraction(packing),
+        "pressure": pressure / found.scene.pressure_unit,
+        "pressure_asked": asked,
+        **counts,
+        "stress_anisotropy": float(np.abs(rest).max() / abs(pressure)) if pressure else 0.0,
+        **protocol.report,
+    }
 
 
 def share_of(virial_c: NDArray[np.float64], kept_c: NDArray[np.bool_]) -> float:
@@ -496,7 +477,7 @@ def judged(
     return Outcome.ROUNDING_FLOOR if residual > tolerance else outcome
 
 
-def shaped_count(packing: Packing, strain: BoxStrain, network: Network | None = None) -> dict[str, Any]:
+def shaped_count(packing: Packing, strain: BoxStrain) -> dict[str, Any]:
     """Return the counts of a packing with shapes, its turns among the degrees of freedom.
 
     Contacts and rattlers as they are in balance, the isostatic number of one state of self stress, and from the rank of
@@ -508,11 +489,9 @@ def shaped_count(packing: Packing, strain: BoxStrain, network: Network | None = 
         The packing, at rest.
     strain
         "isotropic" or "free".
-    network
-        What `contact_network` makes of the packing, if known.
 
     """
-    network = contact_network(packing, second=False) if network is None else network
+    network = contact_network(packing, second=False)
     none = {"particles": packing.particles, "rattlers": packing.particles - len(network.index_n)}
     none |= report_of_bodies(packing)
     if not len(network.contacts):
@@ -530,34 +509,6 @@ def shaped_count(packing: Packing, strain: BoxStrain, network: Network | None = 
         "states_of_self_stress": states.count,
         "rank_certain": states.certain,
     }
-
-
-def _finish_shaped(
-    protocol: Protocol, scene: Scene, outcome: Outcome, asked: float | None, method: str, began: float
-) -> Run:
-    """Return the run of a protocol that ended with the packing of a scene, whose particles have shapes."""
-    packing, stress = scene.packing, stress_tensor(scene)
-    d = packing.dimension
-    pressure = (0.0 - float(np.trace(stress))) / d
-    largest, mean = force_balance(scene)
-    network = contact_network(packing, second=False)
-    report = {
-        "method": method,
-        "strain": protocol.strain,
-        "packing_fraction": packing_fraction(packing),
-        "pressure": pressure / scene.pressure_unit,
-        "pressure_asked": asked,
-        **shaped_count(packing, protocol.strain, network),
-        "stress_anisotropy": float(np.abs(stress + pressure * np.eye(d)).max() / abs(pressure)) if pressure else 0.0,
-        **protocol.report,
-    }
-    residual = largest / mean if mean > 0.0 and outcome is not Outcome.UNJAMMED else 0.0
-    one = network.contacts
-    terms = contact_terms(scene.effects, one.distance_c, one.contact_distance_c)
-    along = (one.slope_cx[:, :d] * one.vector_cd).sum(axis=1)
-    held = -float(terms.first_c @ along) / (d * packing.box.volume)
-    outcome = judged(protocol, packing, outcome, residual, report, held / pressure if pressure else 0.0)
-    return run_of(protocol, packing, outcome, residual, report, began)
 
 
 def run_of(

@@ -13,13 +13,17 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from packmech.check import instance, integer, positive
+from packmech.constraints.factor import ConstraintFactor
+from packmech.constraints.redundancy import workable_links
 from packmech.contacts.elements import elements_of
 from packmech.contacts.rattlers import rattlers_of
-from packmech.effects import needs_second, refuse_single, single_terms
+from packmech.effects import acts_on_single, bonds_of, interactions_of, needs_second, single_terms
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import NotDefinite, factorize
+from packmech.measure.contact_forces import ContactForces, resting_forces
+from packmech.measure.stress import energy
 from packmech.mechanics.assembly import assemble
-from packmech.mechanics.stability import stability
+from packmech.mechanics.stability import curvature_of, stability
 from packmech.minimize.second_order.soft_network import SoftNetwork, Units, length_unit
 from packmech.minimize.second_order.soft_newton import descend, judge
 from packmech.packing import Packing
@@ -186,6 +190,77 @@ def _unstable_directions(state: SoftNetwork) -> int:
     return 1 if negative is None else negative
 
 
+def displaced(packing: Packing, change_nq: NDArray[np.float64]) -> Packing:
+    """Return the packing after displacements and turns, its links at their lengths."""
+    moved = packing.moved(change_nq)
+    return ConstraintFactor(packing, workable_links(packing)).projected(moved)
+
+
+def _assembled_step(scene: Scene, found: ContactForces) -> tuple[NDArray[np.float64], float, float, bool]:
+    """Return Newton's step by the second derivatives of a scene, as definite as need be: whether they were not.
+
+    And the slope of the energy along it, and the largest stiffness.
+    """
+    operator, free_nq = curvature_of(scene)
+    turn_nkt = scene.packing.turn_nkt
+    torque = np.einsum("nkt,nt->nk", turn_nkt, found.torque_nk[:, : turn_nkt.shape[2]])
+    uphill = -np.hstack([found.force_nd, torque])[free_nq]
+    stiffest = float(np.abs(operator.matrix.diagonal()).max(initial=0.0))
+    step, regularization = np.zeros(free_nq.shape), _SLIDING
+    if not stiffest > 0.0:
+        return step, 0.0, 0.0, False
+    while operator.below(-0.5 * regularization * stiffest):
+        regularization *= 10.0
+    along = operator.solver(-regularization * stiffest)(-uphill)
+    step[free_nq] = along
+    return step, float(uphill @ along), stiffest, regularization > _SLIDING
+
+
+def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: float, deadline: float) -> Polished:
+    """Return the packing of a scene after Newton steps by whatever second derivatives its elements have."""
+    found = best = resting_forces(scene)
+    extent = max(float(np.abs(one).max()) for one in (scene.packing.position_nd, scene.packing.box.lattice_dd))
+    evaluations, steps, regularized, negative = 1, 0, 0, 0
+    while True:
+        scene, imbalance = found.scene, found.largest_imbalance
+        step, slope, stiffest, changed = _assembled_step(scene, found)
+        floor = stiffest * float(np.spacing(extent))
+        if found.mean_force <= floor:
+            outcome = Outcome.UNJAMMED
+            break
+        if found.residual <= tolerance or imbalance <= floor:
+            outcome = Outcome.CONVERGED if found.residual <= tolerance else Outcome.ROUNDING_FLOOR
+            break
+        if steps == step_limit:
+            outcome = Outcome.STEP_LIMIT
+            break
+        if time.process_time() > deadline:
+            outcome = Outcome.TIME_LIMIT
+            break
+        size = min(1.0, longest / max(float(np.sqrt((step**2).sum(axis=1)).max()), 1e-300))
+        start, reached = energy(scene), None
+        for _ in range(_HALVINGS):
+            moved = scene.replace(packing=displaced(scene.packing, size * step))
+            reached = resting_forces(moved)
+            evaluations += 1
+            if reached.largest_imbalance < 0.5 * imbalance or energy(moved) <= start + _ARMIJO * size * slope:
+                break
+            size, reached = 0.5 * size, None
+        if reached is None or (imbalance <= _FLOORS * floor and reached.largest_imbalance > 0.5 * imbalance):
+            outcome = Outcome.ROUNDING_FLOOR if best.largest_imbalance <= _FLOORS * floor else Outcome.STALLED
+            found = best
+            break
+        steps, regularized, found = steps + 1, regularized + changed, reached
+        best = found if found.largest_imbalance < best.largest_imbalance else best
+    if outcome in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
+        negative = stability(found.scene, found.largest_imbalance).negative or 0
+        outcome = Outcome.UNSTABLE if negative else outcome
+    return Polished(
+        found.scene.packing, outcome, found.residual, found.largest_imbalance, found.mean_force,
+        steps, evaluations, regularized, negative,
+    )  # fmt: skip
+
+
 def polish(
     packing: Packing,
     effects: tuple[Any, ...],
@@ -227,12 +302,14 @@ def polish(
     limit = integer("step_limit", step_limit, at_least=0)
     method = Newton() if method is None else method
     instance("method", method, Newton)
-    if not packing.plain:
-        refuse_single(effects, "Newton's method on packings with links or shapes")
-        with single_thread():
-            return polish_downhill(packing, effects, force_tolerance=tolerance, step_limit=limit)
     needs_second(effects, "Newton's method")
     longest = positive("method.largest_step", method.largest_step) * float(packing.diameter_n.min())
+    if bonds_of(effects) or interactions_of(effects) or (not packing.plain and acts_on_single(effects)):
+        with single_thread():
+            return _polish_assembled(Scene(packing, effects), tolerance, limit, longest, deadline)
+    if not packing.plain:
+        with single_thread():
+            return polish_downhill(packing, effects, force_tolerance=tolerance, step_limit=limit)
     none, reach = np.zeros((0, packing.dimension, packing.dimension)), positive("method.skin", method.skin)
     with single_thread():
         state = best = SoftNetwork(packing, Units(effects, 1.0, 1.0), none, None, reach=reach)
