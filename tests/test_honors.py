@@ -214,9 +214,19 @@ def test_links_are_refused_by_calls_that_would_ignore_them():
         refuses(call, subject, f"no links for pm.{call}, which would ignore them, got 1")
 
 
+def slack_bonds():
+    """Return bonds between second neighbors as far apart as they are, which push nothing."""
+    near = pm.find_contacts(at_rest(), gap_tolerance=0.8)
+    far = near.distance_c > 1.2
+    springs = {"tangential_stiffness": 0.0}
+    return pm.Bonds(near.i_c[far], near.j_c[far], near.image_cd[far], near.distance_c[far], **springs)
+
+
 # what a link or a shape may be beside in one scene
 BESIDE = {
     "friction": (pm.Friction(0.5),),
+    "bonds": (slack_bonds(),),
+    "interactions": (Tug(),),
     "gravity": (pm.Walls(1, -9.0, 9.0), pm.Gravity(0.0, -0.01)),
     "walls": (pm.Walls(1, -9.0, 9.0),),
     "held": (pm.FixedParticles((3,)),),
@@ -256,6 +266,15 @@ def test_what_calls_at_rest_refuse_in_one_scene_is_declared():
                     if apart:
                         wrong.append(f"{name} takes {body} with {effect}")
     assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("column", ["bonds", "interactions"])
+def test_calls_at_rest_take_friction_beside_what_acts_beyond_contact(column):
+    scene = pm.Scene(at_rest(), (pm.Repulsion(), pm.Friction(0.5), *BESIDE[column]))
+    both = [name for name in RESTING if CALLS[name].answer(column) == CALLS[name].answer("friction") == HONORED]
+    assert {"energy", "forces", "elastic_moduli", "stiffness_matrix", "frictional_modes"} <= set(both)
+    for name in both:
+        assert np.isfinite(np.asarray(RESTING[name](scene))).all()
 
 
 @pytest.mark.parametrize("call", sorted(MOVING))

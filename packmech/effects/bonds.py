@@ -30,8 +30,8 @@ class Bonds:
     frictional model (section 5 of the corrected specification), not packmech's rigid links. `pm.bond_contacts` makes
     them of the contacts of a packing. Bonds of ellipses, spheroids and rigid bodies act on their centers and turn
     them no more than gravity does: those with tangential springs or dashpots are refused there. At the start of a scene
-    tangential springs are slack. Second derivatives, modes, moduli and `quench` take bonds without them
-    (tangential_stiffness=0.0), `complex_modulus` with them.
+    tangential springs are slack. Second derivatives of energies, modes and `quench` take bonds without them
+    (tangential_stiffness=0.0); `elastic_moduli`, `stiffness_matrix` and `complex_modulus` with them.
 
     Parameters
     ----------

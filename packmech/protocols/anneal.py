@@ -21,7 +21,7 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
 from packmech.protocols.pressure_path import follow_jammed
-from packmech.protocols.protocol import Protocol, check_jammed, finish, is_jammed, report_start, sequence
+from packmech.protocols.protocol import Protocol, check_jammed, finish, in_turn, is_jammed, report_start, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
@@ -141,23 +141,14 @@ def anneal_shape(
     elif seed is not None or rng is not None:
         raise ValueError("seed and rng must be left out for particles that have directors")
     check_jammed(scene)
-    runs: list[Run] = []
-    ends = time.process_time() + settings.time_limit
-    asked: dict[str, Any] = dict(
-        pressure=pressure, strain=strain, force_tolerance=force_tolerance, method="anneal_shape"
-    )
-    for aspect in goals.tolist():
-        try:
-            changed = scene.replace(packing=packing.replace(shapes=_reshaped(packing, aspect, beads, rng)))
-            run = _jammed_again(changed, packing, settings, ends, **asked)
-        except KeyboardInterrupt as stop:
-            stop.runs = tuple(runs)  # type: ignore[attr-defined]
-            raise
-        runs.append(dataclasses.replace(run, report={"aspect": aspect, **run.report}))
-        if run.outcome in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
-            break
-        packing = run.packing
-    return tuple(runs)
+    again = _Again(packing, settings, pressure, strain, force_tolerance, "anneal_shape")
+
+    def with_aspect(aspect: float) -> Run:
+        before = again.packing
+        reshaped = before.replace(shapes=_reshaped(before, aspect, beads, rng))
+        return again.jam(scene.replace(packing=reshaped), {"aspect": aspect})
+
+    return in_turn(goals.tolist(), with_aspect)
 
 
 def kicked(packing: Packing, amplitude: float, rng: np.random.Generator) -> Packing:
@@ -265,32 +256,46 @@ def tap(
     positive("force_tolerance", force_tolerance)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
     check_jammed(scene)
-    runs: list[Run] = []
-    ends = time.process_time() + settings.time_limit
-    asked: dict[str, Any] = dict(pressure=pressure, strain=strain, force_tolerance=force_tolerance, method="tap")
-    for count in range(1, number + 1):
-        shaken = scene.replace(packing=kicked(scene.packing, kick, rng))
-        try:
-            run = _jammed_again(shaken, scene.packing, settings, ends, **asked)
-            report = {"tap": count, "amplitude": float(amplitude), **run.report}
-            runs.append(dataclasses.replace(run, report=report))
-            if run.outcome in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
-                break
-            if progress is not None:
-                progress("tap", {"tap": count, "packing": run.packing, "packing_fraction": report["packing_fraction"]})
-        except KeyboardInterrupt as stop:
-            stop.runs = tuple(runs)  # type: ignore[attr-defined]
-            raise
-        scene = scene.replace(packing=run.packing)
-    return tuple(runs)
+    again = _Again(scene.packing, settings, pressure, strain, force_tolerance, "tap")
+
+    def tapped(count: int) -> Run:
+        shaken = scene.replace(packing=kicked(again.packing, kick, rng))
+        run = again.jam(shaken, {"tap": count, "amplitude": float(amplitude)})
+        if progress is not None and run.outcome not in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
+            figures = {"packing": run.packing, "packing_fraction": run.report["packing_fraction"]}
+            progress("tap", {"tap": count, **figures})
+        return run
+
+    return in_turn(range(1, number + 1), tapped)
+
+
+class _Again:
+    """A packing that is changed and jams again, one time after the other, and how it does."""
+
+    def __init__(
+        self,
+        packing: Packing,
+        settings: RunSettings,
+        pressure: float,
+        strain: BoxStrain,
+        force_tolerance: float,
+        method: str,
+    ) -> None:
+        self.packing, self.settings, self.ends = packing, settings, time.process_time() + settings.time_limit
+        self.asked = pressure, strain, force_tolerance, method
+
+    def jam(self, changed: Scene, report: dict[str, Any]) -> Run:
+        """Return the run of the changed packing, with more to report; it is the packing from then on."""
+        left = max(self.ends - time.process_time(), 1e-9)
+        run = _jammed_again(changed, self.packing, dataclasses.replace(self.settings, time_limit=left), *self.asked)
+        self.packing = run.packing
+        return dataclasses.replace(run, report={**report, **run.report})
 
 
 def _jammed_again(
     scene: Scene,
     before: Packing,
     settings: RunSettings,
-    ends: float,
-    *,
     pressure: float,
     strain: BoxStrain,
     force_tolerance: float,
@@ -300,8 +305,7 @@ def _jammed_again(
 
     One that is still at rest, because it was changed by nothing, is followed in pressure from where it stands.
     """
-    began = time.process_time()
-    loop = RunLoop(dataclasses.replace(settings, time_limit=max(ends - began, 1e-9)))
+    began, loop = time.process_time(), RunLoop(settings)
     protocol = Protocol(scene, strain, force_tolerance, loop)
     protocol.continues = True
 

@@ -5,11 +5,12 @@ The compliance is updated as pairs of particles are held at their distance, one 
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg as sl
@@ -348,16 +349,6 @@ class _ZeroModes:
         return first.tolist(), rest.tolist(), left
 
 
-class _HeldState(NamedTuple):
-    """What has been held at some time."""
-
-    rank: int
-    strain_em: NDArray[np.float64]
-    smallest_new: float
-    largest_old: float
-    taken: tuple[NDArray[np.float64], NDArray[np.float64]] | None
-
-
 class HeldCompliance:
     """The compliance of a backbone, updated as pairs are held."""
 
@@ -371,16 +362,13 @@ class HeldCompliance:
         # parts of rows across those before: the smallest that counted, and the largest that did not
         self.smallest_new, self.largest_old = 1.0, 0.0
 
-    def saved(self) -> _HeldState:
-        """Return what `restore` needs to come back here."""
-        taken = None if self._free is None else self._free.taken
-        return _HeldState(self.rank, self._strain, self.smallest_new, self.largest_old, taken)
+    def saved(self) -> dict[str, Any]:
+        """Return what `restore` needs to come back here; rows of the basis beyond the rank are of no matter."""
+        return {**vars(self), "_free": copy.copy(self._free)}
 
-    def restore(self, state: _HeldState) -> None:
+    def restore(self, state: dict[str, Any]) -> None:
         """Take back what was held since."""
-        self.rank, self._strain, self.smallest_new, self.largest_old, taken = state
-        if self._free is not None and taken is not None:
-            self._free.taken = taken
+        vars(self).update(state)
 
     def hold(self, pairs: list[HeldPair]) -> list[int]:
         """Hold the pairs; return which of them are independent of each other and of those before, in order."""

@@ -5,11 +5,10 @@ Compiled scene, reduced units, stages, relaxation in a given box; figures recomp
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +50,9 @@ _PORTION, _WATCHED = 5_000_000, 20
 _ROUNDING = 1e-11
 # part of the pressure that the contacts of rattlers may bear in a jammed packing [1]
 BORNE_BY_RATTLERS = 1e-2
+# outcomes after which a series of runs does not go on
+_LAST = (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT)
+T = TypeVar("T")
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 PRESSED = 1e-6
 
@@ -584,6 +586,27 @@ def report_start(protocol: Protocol) -> None:
     report["start"] = "continued" if same else "rearranged"
 
 
+def in_turn(goals: Iterable[T], run: Callable[[T], Run]) -> tuple[Run, ...]:
+    """Return one run for each goal; one that finds nothing jammed, or is stopped, is the last.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Passed on with `.runs` set to the runs that were finished.
+
+    """
+    runs = list[Run]()
+    try:
+        for goal in goals:
+            runs.append(run(goal))
+            if runs[-1].outcome in _LAST:
+                break
+    except KeyboardInterrupt as stop:
+        stop.runs = tuple(runs)  # type: ignore[attr-defined]
+        raise
+    return tuple(runs)
+
+
 def follow_series(
     protocol: Protocol, goals: NDArray[np.float64], go: Callable[[float], Outcome], method: str, *, pressures: bool
 ) -> tuple[Run, ...]:
@@ -608,26 +631,17 @@ def follow_series(
         Passed on with `.runs` set to the runs that were finished, `.run` to the one in hand.
 
     """
-    runs, began = list[Run](), time.process_time()
 
-    def work(goal: float) -> Outcome:
+    def run(goal: float) -> Run:
+        began, protocol.stages = time.process_time(), []
         # what is not reached is not in the report
         for name in CHANGES:
             protocol.report.pop(name, None)
-        return go(goal)
+        asked = goal if pressures else None
+        return protocol.loop.run(
+            lambda: go(goal),
+            lambda outcome: finish(protocol, protocol.last, outcome, asked, method, began),
+        )
 
     with single_thread():
-        try:
-            for goal in goals.tolist():
-
-                def finished(outcome: Outcome, goal: float = goal, began: float = began) -> Run:
-                    return finish(protocol, protocol.last, outcome, goal if pressures else None, method, began)
-
-                runs.append(protocol.loop.run(functools.partial(work, goal), finished))
-                if runs[-1].outcome in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
-                    break
-                protocol.stages, began = [], time.process_time()
-        except KeyboardInterrupt as stop:
-            stop.runs = tuple(runs)  # type: ignore[attr-defined]
-            raise
-    return tuple(runs)
+        return in_turn(goals.tolist(), run)
