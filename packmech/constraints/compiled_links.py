@@ -1,9 +1,9 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Links inside compiled loops: chosen by type, so that a scene without links has no code and no cost of them.
 
-`Space.links` is None or `CompiledLinks`, and every function here has a form for each; compiled loops hold only the one
-that they need. Minimizers project particles back onto the links' lengths by the shortest way (`project_rows`); time
-steps do it as `packmech.constraints.rattle` says.
+`Space.links` is None or `CompiledLinks`; the table at the end has a form of each function for either. Minimizers
+project particles back onto the links' lengths by the shortest way (`project_rows`); time steps do it as
+`packmech.constraints.rattle` says.
 
 Rows hold a position in the first columns. One thread does all of it, so that the number of threads changes no bit.
 """
@@ -28,6 +28,7 @@ from packmech.constraints.link_system import (
 )
 from packmech.contacts.cells import PairTable
 from packmech.contacts.excluded import rigid_clusters
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
@@ -153,10 +154,7 @@ def _is_linked(links, i, j, image_d):
 
 
 @device
-def without_linked(links, found):
-    """Return the pairs of a search that may touch: neither linked nor of one rigid cluster."""
-    if links is None:
-        return found
+def _without_linked(links, found):
     kept = 0
     bits = np.uint64(found.bits)
     mask = np.uint64((1 << found.bits) - 1)
@@ -170,10 +168,7 @@ def without_linked(links, found):
 
 
 @device
-def project_rows(links, axes, row, space):
-    """Move the rows back onto the links and refill the system there; return the farthest that one moved."""
-    if links is None:
-        return 0.0
+def _project_rows(links, axes, row, space):
     system, spare = links.system, links.spare_nd
     lattice = space.frame.lattice_dd
     for i in range(row.shape[0]):
@@ -182,7 +177,7 @@ def project_rows(links, axes, row, space):
     shortest = np.inf
     for r in range(system.scale_r.shape[0]):
         shortest = min(shortest, system.scale_r[r])
-    tolerance = max(TIGHT, 2.0 * space.resolution / shortest)
+    tolerance = max(TIGHT, 2.0 * space.resolution[0] / shortest)
     iterations, error, _ = project_positions(system, row, lattice, tolerance, NEWTON)
     refill(system, row, lattice)
     links.number[ERROR] = error
@@ -197,25 +192,18 @@ def project_rows(links, axes, row, space):
 
 
 @device
-def refresh(links, row, space):
-    """Refill the system where the rows are, without moving them."""
-    if links is not None:
-        refill(links.system, row, space.frame.lattice_dd)
+def _refresh(links, row, space):
+    refill(links.system, row, space.frame.lattice_dd)
 
 
 @device
-def along_links(links, vector_nd):
-    """Project a vector onto the motions that the links admit, at the rows of the last `project_rows` or `refresh`."""
-    if links is not None:
-        project_velocity(links.system, vector_nd, vector_nd, links.multiplier_l)
+def _along_links(links, vector_nd):
+    project_velocity(links.system, vector_nd, vector_nd, links.multiplier_l)
 
 
 @device
-def speeds(links, axes, velocity_nd, square, largest):
-    """Project velocities; return v.v over all and the largest squared speed, known already where nothing is linked."""
-    if links is None:
-        return square, largest
-    along_links(links, velocity_nd)
+def _speeds(links, axes, velocity_nd, square, largest):
+    _along_links(links, velocity_nd)
     square = largest = 0.0
     for i in range(velocity_nd.shape[0]):
         own = 0.0
@@ -227,24 +215,19 @@ def speeds(links, axes, velocity_nd, square, largest):
 
 
 @device
-def add_tensions(links, axes, virial_dd):
-    """Add the links' part of V times the stress, where forces were projected last."""
-    if links is not None:
-        system = links.system
-        for r in range(system.i_r.shape[0]):
-            pull = links.multiplier_l[system.order_r[r]] * system.distance_r[r]
-            for a in range(len(axes)):
-                for b in range(len(axes)):
-                    virial_dd[a, b] += pull * system.normal_rd[r, a] * system.normal_rd[r, b]
+def _add_tensions(links, axes, virial_dd):
+    system = links.system
+    for r in range(system.i_r.shape[0]):
+        pull = links.multiplier_l[system.order_r[r]] * system.distance_r[r]
+        for a in range(len(axes)):
+            for b in range(len(axes)):
+                virial_dd[a, b] += pull * system.normal_rd[r, a] * system.normal_rd[r, b]
 
 
 @device
-def projected(links, axes, force_nd, velocity_nd):
-    """Project forces onto the motions that the links admit; return F.v, F.F and the largest squared force."""
+def _project_forces(links, axes, force_nd, velocity_nd, power, square, largest):
     project_force(links.system, force_nd, force_nd, links.multiplier_l)
-    power = 0.0
-    square = 0.0
-    largest = 0.0
+    power = square = largest = 0.0
     for i in range(force_nd.shape[0]):
         own = 0.0
         for a in range(len(axes)):
@@ -255,3 +238,22 @@ def projected(links, axes, force_nd, velocity_nd):
     if not links.number[ERROR] < _LOST:
         largest = np.inf
     return power, square, largest
+
+
+# the pairs of a search that may touch: neither linked nor of one rigid cluster
+without_linked = by_type(_without_linked, {type(None): lambda links, found: found})
+# moves the rows back onto the links and refills the system there; the farthest that one moved
+project_rows = by_type(_project_rows, {type(None): lambda links, axes, row, space: 0.0})
+# refills the system where the rows are, without moving them
+refresh = by_type(_refresh, {type(None): lambda links, row, space: None})
+# projects a vector onto the motions that the links admit, at the rows of the last `project_rows` or `refresh`
+along_links = by_type(_along_links, {type(None): lambda links, vector_nd: None})
+# projects velocities; v.v over all and the largest squared speed, which are given as they are without links
+speeds = by_type(_speeds, {type(None): lambda links, axes, velocity_nd, square, largest: (square, largest)})
+# adds the links' part of V times the stress, where forces were projected last
+add_tensions = by_type(_add_tensions, {type(None): lambda links, axes, virial_dd: None})
+# projects forces onto the motions that the links admit; F.v, F.F and the largest squared force, given without links
+project_forces = by_type(
+    _project_forces,
+    {type(None): lambda links, axes, force_nd, velocity_nd, power, square, largest: (power, square, largest)},
+)

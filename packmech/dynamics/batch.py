@@ -607,7 +607,10 @@ class ShearBatch:
             if left_b[b]:
                 self._before.setdefault(b, engine.wrap_nd.copy())
             system, _ = fetch(self._batch, b)
-            engine.space, engine.pairs, engine.track = system.space, system.pairs, system.track
+            # what acts, too: its friction may have been switched
+            engine.acting, engine.space, engine.pairs, engine.track = (
+                system.acting, system.space, system.pairs, system.track,
+            )  # fmt: skip
             engine.wrap()
             if not left_b[b]:
                 self._good[b][0][:] = engine.state.body

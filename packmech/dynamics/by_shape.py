@@ -19,7 +19,8 @@ from packmech.dynamics import shape_pairs as of_spheroids
 from packmech.dynamics.friction import slip_of_discs, turning_axes
 from packmech.dynamics.rigid_bodies import BodyRows, body_rows
 from packmech.effects import body_energy, body_force
-from packmech.jit.compiled import compiled_form, inlined
+from packmech.jit.by_type import by_type
+from packmech.jit.compiled import inlined
 from packmech.minimize.passes.interaction_rows import law_between
 from packmech.minimize.passes.kernels import coincident_direction
 from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows, ShapeTouch, shape_rows
@@ -31,26 +32,7 @@ Shaped = ShapeRows | BodyRows
 
 def by_shape(discs: Any, spheroids: Any, bodies: Any) -> Any:
     """Return a function that runs one of three, by its first argument: None, `ShapeRows` or `BodyRows`."""
-    functions = {ShapeRows: spheroids, BodyRows: bodies}
-
-    def choose(shapes: Any, *_: Any) -> Any:
-        return functions.get(getattr(shapes, "instance_class", type(shapes)), discs)
-
-    def chosen(shapes: Any, *arguments: Any) -> Any:
-        return choose(shapes)(shapes, *arguments)
-
-    compiled_form(chosen, inline=True)(choose)
-    return chosen
-
-
-@inlined
-def _law_of_discs(shapes, effects, body, i, j, r):
-    return law_between(None, effects, body, i, j, r)
-
-
-@inlined
-def _law_of_spheroids(shapes, effects, body, i, j, r):
-    return law_between(shapes, effects, body, i, j, r)
+    return by_type(discs, {ShapeRows: spheroids, BodyRows: bodies})
 
 
 @inlined
@@ -59,7 +41,7 @@ def _law_of_bodies(shapes, effects, body, i, j, r):
 
 
 # the PairLaw of interactions between two rows at a distance, and the slopes of the alignment along rotations of i
-law_of_rows = by_shape(_law_of_discs, _law_of_spheroids, _law_of_bodies)
+law_of_rows = by_shape(law_between, law_between, _law_of_bodies)
 
 
 def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | None:

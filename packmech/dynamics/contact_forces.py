@@ -1,18 +1,11 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""What touching rows do to each other, in one place, and the one walk over listed pairs.
-
-A walk visits every listed pair of a range with a visitor, a record whose type says what is done with the pair: forces
-are added to rows (`Pushing`), observables summed up, or contacts written one by one. It hands a value from pair to
-pair, which the visitor may change. What a scene lacks is None, and numba leaves out its branches.
-"""
+"""What touching rows do to each other, in one place. What a scene lacks is None, and numba leaves out its branches."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
 from numba import literal_unroll, types
 
 from packmech.dynamics.by_shape import (
@@ -38,9 +31,10 @@ from packmech.dynamics.friction import (
     tangential_force,
     torque_of,
 )
-from packmech.dynamics.pair_lists import NO_SLOT, inner_stretches
+from packmech.dynamics.stretches import inner_stretches
 from packmech.effects import is_interaction, pair_elastic, pair_energy, pair_first
 from packmech.jit.compiled import compiled_form, inlined
+from packmech.minimize.passes.pair_list import NO_SLOT, Pair, is_near, visit, walk_pairs
 
 # what `Pull` says of a tangential spring where there is none
 _NO_SPRING = Across(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -77,75 +71,6 @@ def laws_of(system, pace):
         inner_stretches(system.track),
         pace,
     )
-
-
-class Pair(NamedTuple):
-    """A listed pair: its place, rows, slot (NO_SLOT within a block), and the vector between the centers."""
-
-    p: Any
-    i: Any
-    j: Any
-    slot: Any
-    dx: float
-    dy: float
-    dz: float
-
-
-_VISITS: dict[type, Any] = {}
-
-
-def visitor(cls: type) -> Callable[[Any], Any]:
-    """Return a decorator for what visitors of this class do with a pair: (visitor, laws, pair, value) -> value."""
-
-    def register(function: Any) -> Any:
-        _VISITS[cls] = function
-        return function
-
-    return register
-
-
-def visit(visitor: Any, laws: ContactLaws, pair: Pair, value: Any) -> Any:
-    """Return the value after the visit of a pair."""
-    raise NotImplementedError("pairs are visited in compiled loops")
-
-
-@compiled_form(visit, inline=True)
-def _choose_visit(visitor: Any, laws: Any, pair: Any, value: Any) -> Any:
-    return _VISITS[visitor.instance_class]
-
-
-@inlined
-def walk_pairs(visitor, laws, pairs, b, value):
-    """Visit the listed pairs of a block's rows, one after another; return the value after the last."""
-    axes, body = laws.axes, laws.body
-    i_p, j_p, image_p, slot_p, shift_kd = pairs.i_p, pairs.j_p, pairs.image_p, pairs.slot_p, pairs.shift_kd
-    special = np.uint64(pairs.start_s[2 * b + 1])
-    # unsigned, so that no index can count from the end
-    for p in range(np.uint64(pairs.start_s[2 * b]), np.uint64(pairs.start_s[2 * b + 2])):
-        i, j, slot = i_p[p], j_p[p], NO_SLOT
-        dx = body[j, 0] - body[i, 0]
-        dy = body[j, 1] - body[i, 1]
-        dz = 0.0
-        if len(axes) == 3:
-            dz = body[j, 2] - body[i, 2]
-        if p >= special:
-            k, slot = image_p[p], slot_p[p]
-            dx += shift_kd[k, 0]
-            dy += shift_kd[k, 1]
-            if len(axes) == 3:
-                dz += shift_kd[k, 2]
-        value = visit(visitor, laws, Pair(p, i, j, slot, dx, dy, dz), value)
-    return value
-
-
-@inlined
-def is_near(laws, pair):
-    """Whether rows may touch, as discs and spheres that are so near do."""
-    square = pair.dx * pair.dx + pair.dy * pair.dy
-    if len(laws.axes) == 3:
-        square += pair.dz * pair.dz
-    reach = laws.body[pair.i, 3] + laws.body[pair.j, 3]
-    return square < reach * reach
 
 
 @inlined
@@ -256,7 +181,7 @@ class Pushing(NamedTuple):
     slot_qk: Any
 
 
-@visitor(Pushing)
+@visit.form(Pushing)
 @inlined
 def _push(pushing, laws, pair, value):
     axes, spins = laws.axes, pushing.spins

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.by_shape import touch_of_rows, touches_of
-from packmech.dynamics.contact_forces import is_near, laws_of, pull_of_touch, spring_of, visitor, walk_pairs
+from packmech.dynamics.contact_forces import laws_of, pull_of_touch, spring_of
 from packmech.jit.compiled import device, inlined, lean
+from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
 
 
 class ContactRecords(NamedTuple):
@@ -29,7 +30,7 @@ class ContactRecords(NamedTuple):
     stretch_pk: NDArray[np.float64] | None
 
 
-@visitor(ContactRecords)
+@visit.form(ContactRecords)
 @inlined
 def _write_down(records, laws, pair, value):
     p, force_pd, branch_pd = pair.p, records.force_pd, records.branch_pd

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, one_of, positive, real, two_axes
 from packmech.jit.compiled import compiled_form, device, inner_lean, lean
+from packmech.minimize.passes import pair_list
 
-# places in Flow.number
-GAMMA, ANCHORED, OUTER_ANCHORED = 0, 1, 2
+# places in Flow.number: gamma now and at both anchors of pair lists
+GAMMA, ANCHORED = 0, 1
 # norm of M F^-1 at either anchor; whether M M = 0; whether M carries nothing but x along y
-BENDING, OUTER_BENDING, NILPOTENT, ALONG_X = 3, 4, 5, 6
+BENDING, NILPOTENT, ALONG_X = 3, 5, 6
 NUMBERS = 7
 
 
@@ -307,6 +308,35 @@ def bending(flow, gamma):
         for j in range(3):
             square += flow.back_dd[i, j] * flow.back_dd[i, j]
     return math.sqrt(square)
+
+
+@pair_list.strained.form(Flow)
+@device
+def _strained(flow, since, largest):
+    bent = flow.number[BENDING + since]
+    return 0.5 * abs(flow.number[GAMMA] - flow.number[ANCHORED + since]) * bent * largest
+
+
+@pair_list.displaced.form(Flow)
+@device
+def _displaced(flow, row, anchor_nd, since):
+    map_between(flow, flow.number[ANCHORED + since], flow.number[GAMMA], flow.step_dd)
+    g = entries(flow.step_dd)
+    largest = 0.0
+    for i in range(row.shape[0]):
+        ax, ay, az = anchor_nd[i, 0], anchor_nd[i, 1], anchor_nd[i, 2]
+        x = row[i, 0] - (g[0][0] * ax + g[0][1] * ay + g[0][2] * az)
+        y = row[i, 1] - (g[1][0] * ax + g[1][1] * ay + g[1][2] * az)
+        z = row[i, 2] - (g[2][0] * ax + g[2][1] * ay + g[2][2] * az)
+        largest = max(largest, x * x + y * y + z * z)
+    return math.sqrt(largest)
+
+
+@pair_list.mark_strain.form(Flow)
+@device
+def _mark_strain(flow, since):
+    flow.number[ANCHORED + since] = flow.number[GAMMA]
+    flow.number[BENDING + since] = bending(flow, flow.number[GAMMA])
 
 
 @device

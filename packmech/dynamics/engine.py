@@ -39,18 +39,8 @@ from packmech.dynamics.deformation import (
 )
 from packmech.dynamics.friction import Now, leading_share
 from packmech.dynamics.observables import COLUMNS, Ledger, measure
-from packmech.dynamics.pair_lists import (
-    Pairs,
-    Space,
-    Stretches,
-    Track,
-    empty_pairs,
-    empty_track,
-    read_stretches,
-    search,
-    write_stretches,
-)
 from packmech.dynamics.stability import step_condition
+from packmech.dynamics.stretches import Stretches, blocks_of, empty_track, read_stretches, write_stretches
 from packmech.dynamics.time_step import (
     FORCES,
     TOO_FAST,
@@ -78,7 +68,7 @@ from packmech.effects import (
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.passes.kernels import RUNNING
-from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL
+from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, Track, empty_list, search
 from packmech.minimize.program import space_order
 from packmech.packing import Packing
 from packmech.result import Condition
@@ -153,7 +143,7 @@ class Engine:
     acting: Acting
     state: State
     space: Space
-    pairs: Pairs
+    pairs: PairList
     track: Track | None
     dt: float
     second_order: bool
@@ -435,10 +425,10 @@ class Engine:
             bonds = bonds_of(self.scene.effects)
             assert bonds is not None
             table = bond_table(bonds, self.order_n, self.wrap_nd, self.change_dd, bond_stretches(table))
-        self.space = Space(self.space.sizes, frame, flow, table, None)
+        self.space = Space(self.space.sizes, frame, bonds=table, flow=flow)
         self._link_rows()
         skin, beyond = (float(self.pairs.number[one]) for one in (SKIN_FULL, BEYOND))
-        self.pairs = empty_pairs(len(self.order_n), self.state.push.shape[1], skin, beyond)
+        self.pairs = empty_list(len(self.order_n), skin, beyond, row_b=self.pairs.row_b, width=self.state.push.shape[1])
         self.track = None if self.track is None else empty_track(d, most_beads(packing))
 
     def _link_rows(self) -> None:
@@ -450,7 +440,7 @@ class Engine:
         self.row_links, links = compile_links(packing, workable, self.order_n, wrap_nd, self.change_dd)
         self.link_l = None
         self.rattle = make_rattle(links, self.state.weight_nk[:, 0].copy(), self.resolution)
-        self.space = self.space._replace(linked=linked_pairs(links))
+        self.space = self.space._replace(links=linked_pairs(links))
 
     def rebuild_lists(self, held: Stretches) -> None:
         """Make the lists at the present positions and give their springs these stretches; forces stay as they are."""
@@ -751,8 +741,10 @@ def build_engine(
             np.zeros((n, d + spins)) if lead else None,
             lead,
         ),
-        space=Space(size_levels(body[:, 3].copy()), frame_of(small), flow, table, None),
-        pairs=empty_pairs(n, d + spins, skin, reach_beyond_contact(scene.effects, packing.radius_n)),
+        space=Space(size_levels(body[:, 3].copy()), frame_of(small), bonds=table, flow=flow),
+        pairs=empty_list(
+            n, skin, reach_beyond_contact(scene.effects, packing.radius_n), row_b=blocks_of(n), width=d + spins
+        ),
         track=empty_track(d, most_beads(packing)) if friction is not None else None,
         dt=dt,
         second_order=second_order,

@@ -17,17 +17,15 @@ from packmech.dynamics.by_shape import energy_of_row, measure_spinning, touch_of
 from packmech.dynamics.contact_forces import (
     energy_of,
     has_interactions,
-    is_near,
     laws_of,
     pull_beyond,
     pull_of_touch,
-    visitor,
-    walk_pairs,
 )
 from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
 from packmech.dynamics.friction import Now
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
+from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
 
 # columns of a row of observables
 TIME, STRAIN, RATE = 0, 1, 2
@@ -195,7 +193,7 @@ def _choose_with_interactions(effects: Any, laws: Any, pair: Any, sums: Any) -> 
     return _add_beyond if has_interactions(effects) else lambda effects, laws, pair, sums: sums
 
 
-@visitor(Summing)
+@visit.form(Summing)
 @inlined
 def _add_up(summing, laws, pair, sums):
     sums = _with_interactions(laws.effects, laws, pair, sums)

@@ -15,10 +15,10 @@ from packmech.dynamics.contact_forces import laws_of
 from packmech.dynamics.contact_records import record_contacts
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.observables import CONTACTS, LARGEST_FORCE, TOTAL
-from packmech.dynamics.pair_lists import listed_pairs
 from packmech.effects import friction_of
 from packmech.jit.compiled import lean
 from packmech.links import one_way
+from packmech.minimize.passes.pair_list import listed_pairs
 
 
 class PairForces(NamedTuple):

@@ -16,18 +16,18 @@ from packmech.dynamics.contact_forces import contacts_of_block, laws_of
 from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, turning, with_scratch
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
-from packmech.dynamics.pair_lists import (
-    collect,
-    is_stale,
-    largest_contact,
-    search,
-    update_lists,
-)
 from packmech.dynamics.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
-from packmech.minimize.passes.pair_list import place_images
+from packmech.minimize.passes.pair_list import (
+    collect,
+    is_stale_strained,
+    largest_contact,
+    place_images,
+    search,
+    update_lists,
+)
 
 TOO_FAST = NOT_FINITE
 # a loop that ended because its pair lists must be rebuilt, in the middle of a step
@@ -353,7 +353,7 @@ def kick_and_drift(system, thread, rows, time, rule, split):
             status = TOO_FAST
         else:
             move_box(space.flow, space.frame, pairs, time + rule.dt)
-            if is_stale(space.flow, pairs.number, largest_contact(space.sizes), moved) and update_lists(
+            if is_stale_strained(space.flow, pairs.number, largest_contact(space.sizes), moved) and update_lists(
                 axes, state.body, space, pairs, system.track
             ):
                 status = SEARCH

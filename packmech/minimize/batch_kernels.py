@@ -16,13 +16,13 @@ from numba.typed import List
 from numpy.typing import NDArray
 
 from packmech.contacts.cells import lattice_volume, set_frame
-from packmech.jit.compiled import compiled_form, device, kernel
+from packmech.jit.compiled import compiled_form, device, inlined, kernel
 from packmech.minimize.first_order.damped import _Damped, damped_steps
 from packmech.minimize.first_order.fire import fire_steps
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING, Goal, contacts_of, evaluate
-from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER, pair_at
-from packmech.minimize.passes.shape_rows import shapes_of, spin_of
-from packmech.minimize.passes.strains import map_rows, refreshed, strain_space
+from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER, inner_pairs, visit, walk
+from packmech.minimize.passes.shape_rows import RowLaws, shapes_of, spin_of
+from packmech.minimize.passes.strains import map_rows, set_resolution, strain_space
 
 # columns of the figures of a packing
 (
@@ -171,23 +171,36 @@ def _choose_minimizer(
     return take
 
 
+class _Counting(NamedTuple):
+    """The visitor that counts contacts between bodies that are no rattlers."""
+
+    cluster_n: NDArray[np.int64]
+    rattler_c: NDArray[np.bool_]
+    contacts_c: NDArray[np.int64]
+
+
+@visit.form(_Counting)
+@inlined
+def _count_listed(counting, laws, pair, number):
+    one, other = counting.cluster_n[pair.i], counting.cluster_n[pair.j]
+    if not (counting.rattler_c[one] or counting.rattler_c[other]):
+        here = contacts_of(laws, pair)
+        number += here
+        counting.contacts_c[one] += here
+        counting.contacts_c[other] += here
+    return number
+
+
 @device
 def _count_contacts(effects, row, pairs, bodies):
     """Count the contacts between bodies that are no rattlers, of each body and in all; return their number."""
-    number = 0
     contacts_c = bodies.contacts_c
     for c in range(contacts_c.shape[0]):
         contacts_c[c] = 0
-    for p in range(pairs.count_b[0] + pairs.count_b[1]):
-        i, j, sx, sy, sz = pair_at(pairs, p)
-        one, other = bodies.cluster_n[i], bodies.cluster_n[j]
-        if bodies.rattler_c[one] or bodies.rattler_c[other]:
-            continue
-        here = contacts_of(shapes_of(effects), row, i, j, sx, sy, sz)
-        number += here
-        contacts_c[one] += here
-        contacts_c[other] += here
-    return number
+    start = pairs.start_s
+    counting = _Counting(bodies.cluster_n, bodies.rattler_c, contacts_c)
+    laws = RowLaws(effects, shapes_of(effects), (0, 1, 2), row)
+    return walk(counting, laws, inner_pairs(pairs), start[0], start[1], start[2], 0)
 
 
 @device
@@ -288,7 +301,7 @@ def advance_packings(
         strained = not is_identity(map_dd)
         if strained:
             _strain_bodies(axes, row, bodies, space.frame.lattice_dd, map_dd)
-            space = strain_space(axes, row, space, pairs, map_dd)
+            strain_space(axes, row, space, pairs, map_dd)
         ended = figure[STATUS] != RUNNING
         if settings.restart or (ended and strained):
             for k in range(number.shape[0]):
@@ -322,7 +335,7 @@ def advance_packings(
                     row[i, a] = bodies.last_nd[i, a]
                     velocity_nd[i, a] = 0.0
             set_frame(space.frame, bodies.last_dd)
-            space = refreshed(axes, row, space)
+            set_resolution(axes, row, space)
             pairs.number[SKIN_OUTER] = -1.0
             pairs.number[DISPLACED] = np.inf
             undone = True

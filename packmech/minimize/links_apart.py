@@ -62,7 +62,7 @@ def separate_links(
         if look is not None:
             look()
         now = program.evaluate(packing.position_nd, packing.box.lattice_dd)
-        stiffness = now.force_floor / program.space.resolution
+        stiffness = now.force_floor / program.space.resolution[0]
         if now.deepest_overlap < _SHALLOW or not stiffness > 0.0:
             return packing, step
         pairs = near.pairs(packing, apart + 2.0 * farthest)

@@ -28,13 +28,12 @@ from packmech.minimize.passes.kernels import (
     STALLED,
     UNJAMMED,
     Goal,
-    Space,
     Sums,
     Survey,
     evaluate,
     judge,
 )
-from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, empty_list, strain_list
+from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, empty_list, strain_list
 from packmech.minimize.passes.shape_rows import shape_rows
 from packmech.minimize.passes.single_rows import acting_on_rows
 from packmech.packing import Packing
@@ -241,7 +240,7 @@ class Program:
     def _resolve(self) -> None:
         d = len(self.axes)
         extent = max(float(np.abs(self.row[:, :d]).max()), float(np.abs(self.space.frame.lattice_dd[:d, :d]).max()))
-        self.space = self.space._replace(resolution=np.finfo(np.float64).eps * extent)
+        self.space.resolution[0] = np.finfo(np.float64).eps * extent
 
     def _set_box(self, box: Box) -> None:
         self.box = box
@@ -319,7 +318,7 @@ class Program:
             mean_force=mean,
             residual=largest / mean if mean > 0 else 0.0,
             force_nd=force,
-            force_floor=float(totals.stiffness * self.space.resolution),
+            force_floor=float(totals.stiffness * self.space.resolution[0]),
             deepest_overlap=float(totals.deepest),
         )
 
@@ -608,7 +607,7 @@ def build_program(scene: Scene) -> Program:
         wrap_nd=wrap,
         box=packing.box,
         change_dd=change,
-        space=Space(sizes, frame_of(small), 0.0, None, bonded),
+        space=Space(sizes, frame_of(small), bonds=bonded, resolution=np.zeros(1)),
         pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing.radius_n)),
         diverges=diverges,
         bearable_overlap=_bearable_overlap(scene, diverges),

@@ -17,6 +17,7 @@ import packmech as pm
 from packmech.jit.compiled import kernel
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.passes.kernels import Goal, force_pass, move_pass
+from packmech.minimize.passes.pair_list import listed_pairs
 from packmech.minimize.program import Program, build_program
 
 DT, ALPHA = 0.3, 0.15
@@ -149,10 +150,8 @@ def bench_types(particles: int) -> tuple[float, float, float]:
     program.evaluate()
     program.force_nd[:] = 0.0
     pairs = program.pairs
-    within, crossing = pairs.count_b
-    i_p = np.concatenate([pairs.i_p[:within], pairs.crossing_i_p[:crossing]])
-    j_p = np.concatenate([pairs.j_p[:within], pairs.crossing_j_p[:crossing]])
-    shift = np.concatenate([np.zeros((within, 2)), pairs.shift_kd[pairs.crossing_k_p[:crossing], :2]])
+    i_p, j_p, image = listed_pairs(pairs)
+    shift = image[:, :2] @ program.space.frame.lattice_dd[:2, :2].T
     order = np.lexsort((j_p, i_p))
     x, radius = program.row[:, :2].copy(), program.row[:, 3].copy()
     v, f = np.zeros_like(x), np.zeros_like(x)

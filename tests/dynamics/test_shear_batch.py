@@ -197,6 +197,20 @@ def test_a_friction_of_zero_by_switch_is_none_and_the_scenes_own_is_no_change():
     assert off.figure_bk[0, sliding] == 1.0 > bare.figure_bk[0, sliding]
 
 
+def test_a_frame_that_is_cut_by_wrapping_goes_on_with_the_friction_it_was_switched_to():
+    scene = frictional(1)
+    weak = scene.replace(effects=tuple(
+        one._replace(coefficient=0.1) if isinstance(one, pm.Friction) else one for one in scene.effects
+    ))  # fmt: skip
+    switched = pm.ShearBatch([scene], control="strain", steps=400, dt=0.02, switched_friction=True)
+    own = pm.ShearBatch([weak], control="strain", steps=400, dt=0.02)
+    for strain in (0.5, 1.0, 1.6):
+        switched.advance(np.array([[strain, 0.1]]))
+        own.advance(np.array([[strain]]))
+        assert np.array_equal(switched.figure_bk, own.figure_bk)
+    assert switched._engines[0].wrap_nd.any()
+
+
 def test_a_frictionless_batch_holds_no_history_and_no_spins():
     batch = pm.ShearBatch([plain(0)])
     engine = batch._engines[0]

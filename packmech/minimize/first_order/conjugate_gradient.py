@@ -10,7 +10,8 @@ from packmech.check import positive, real
 from packmech.constraints.compiled_links import along_links
 from packmech.jit.compiled import kernel
 from packmech.minimize.first_order.line_search import copy_to, dot, line_search, longest, read_places
-from packmech.minimize.passes.kernels import FLOOR, RUNNING, STALLED, Goal, clear, followed, judge, net_forces, survey
+from packmech.minimize.passes.kernels import FLOOR, RUNNING, STALLED, Goal, clear, judge, moved_far, net_forces, survey
+from packmech.minimize.passes.pair_list import follow
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -62,7 +63,8 @@ def conjugate_gradient_steps(
     direction_f = velocity_nd.reshape(force_nd.size)
     start_f = vector_kf[0]
     before_f = vector_kf[1]
-    pairs = followed(axes, row, space, pairs, 0.0)
+    if moved_far(axes, row, space, pairs.number, 0.0):
+        pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
     number[_EVALUATIONS] += 1.0
@@ -105,6 +107,6 @@ def conjugate_gradient_steps(
         number[_STEP] += 1.0
         step += 1
         if steepest and not reached.good:
-            status = FLOOR if math.sqrt(sums.largest) <= _FLOORS * number[_STIFFNESS] * space.resolution else STALLED
+            status = FLOOR if math.sqrt(sums.largest) <= _FLOORS * number[_STIFFNESS] * space.resolution[0] else STALLED
             break
     return status, pairs

@@ -10,7 +10,8 @@ from packmech.check import positive
 from packmech.constraints.compiled_links import speeds
 from packmech.effects import ContactDamping
 from packmech.jit.compiled import compiled_form, device, kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, followed, judge, move_pass, net_forces, survey
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, judge, move_pass, moved_far, net_forces, survey
+from packmech.minimize.passes.pair_list import follow
 from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows
 from packmech.minimize.passes.single_rows import RowsHeld
 from packmech.minimize.program import Program, Progress
@@ -154,7 +155,8 @@ def damped_steps(
     left_nd = vector_kf[0].reshape(force_nd.shape)
     way_nd = vector_kf[1].reshape(force_nd.shape)
     product_nd = vector_kf[2].reshape(force_nd.shape)
-    pairs = followed(axes, row, space, pairs, 0.0)
+    if moved_far(axes, row, space, pairs.number, 0.0):
+        pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     step = 0
     while True:
@@ -188,7 +190,8 @@ def damped_steps(
         reach = dt * math.sqrt(fastest2)
         keep = largest_step / reach if reach > largest_step else 1.0
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, 0.0, dt)
-        pairs = followed(axes, row, space, pairs, dt * math.sqrt(fastest2))
+        if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
+            pairs = follow(axes, row, space, pairs)
         speeds(space.links, axes, velocity_nd, speed2, fastest2)
         number[_STEP] += 1.0
         step += 1

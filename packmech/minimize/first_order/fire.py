@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 from packmech.check import positive, real
 from packmech.constraints.compiled_links import speeds
 from packmech.jit.compiled import device, kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, followed, move_pass, net_forces, survey
-from packmech.minimize.passes.pair_list import DISPLACED
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, move_pass, moved_far, net_forces, survey
+from packmech.minimize.passes.pair_list import DISPLACED, follow
 from packmech.minimize.passes.strains import judge_all, move_box, pull_box, with_rates
 from packmech.minimize.program import Program, Progress
 
@@ -162,7 +162,8 @@ def fire_steps(
     mobility = number[_MOBILITY]
     status = RUNNING
     step = 0
-    pairs = followed(axes, row, space, pairs, 0.0)
+    if moved_far(axes, row, space, pairs.number, 0.0):
+        pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     while True:
         sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
@@ -203,8 +204,9 @@ def fire_steps(
             keep *= largest_step / reach
             push *= largest_step / reach
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
-        space = move_box(strains, axes, row, space, pairs, keep, push, dt)
-        pairs = followed(axes, row, space, pairs, dt * math.sqrt(fastest2))
+        move_box(strains, axes, row, space, pairs, keep, push, dt)
+        if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
+            pairs = follow(axes, row, space, pairs)
         speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         speed2, fastest2 = with_rates(strains, speed2, fastest2)
     number[_DT] = dt

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 from packmech.check import positive, real
 from packmech.jit.compiled import kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, followed, judge, move_pass, net_forces, survey
+from packmech.minimize.passes.kernels import RUNNING, Goal, clear, judge, move_pass, moved_far, net_forces, survey
+from packmech.minimize.passes.pair_list import follow
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -51,7 +52,8 @@ def gradient_descent_steps(
     effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
-    pairs = followed(axes, row, space, pairs, 0.0)
+    if moved_far(axes, row, space, pairs.number, 0.0):
+        pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     clear(velocity_nd)
     step = 0
@@ -66,7 +68,8 @@ def gradient_descent_steps(
         push = settings.step / number[_STIFFNESS]
         push = min(push, largest_step / math.sqrt(sums.largest))
         _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
-        pairs = followed(axes, row, space, pairs, math.sqrt(fastest2))
+        if moved_far(axes, row, space, pairs.number, math.sqrt(fastest2)):
+            pairs = follow(axes, row, space, pairs)
         number[_STEP] += 1.0
         step += 1
     return status, pairs

@@ -12,7 +12,8 @@ from packmech.check import integer, positive, real
 from packmech.constraints.compiled_links import along_links
 from packmech.jit.compiled import device, kernel
 from packmech.minimize.first_order.line_search import add_to, copy_to, dot, line_search, longest, read_places
-from packmech.minimize.passes.kernels import FLOOR, RUNNING, STALLED, Goal, clear, followed, judge, net_forces, survey
+from packmech.minimize.passes.kernels import FLOOR, RUNNING, STALLED, Goal, clear, judge, moved_far, net_forces, survey
+from packmech.minimize.passes.pair_list import follow
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number, followed by 1 / (s.y) of each remembered step
@@ -91,7 +92,8 @@ def lbfgs_steps(
     before_f = vector_kf[1]
     step_kf = vector_kf[2 : 2 + memory]
     change_kf = vector_kf[2 + memory :]
-    pairs = followed(axes, row, space, pairs, 0.0)
+    if moved_far(axes, row, space, pairs.number, 0.0):
+        pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
     number[_EVALUATIONS] += 1.0
@@ -131,7 +133,7 @@ def lbfgs_steps(
         if not reached.good:
             if steepest:
                 status = (
-                    FLOOR if math.sqrt(sums.largest) <= _FLOORS * number[_STIFFNESS] * space.resolution else STALLED
+                    FLOOR if math.sqrt(sums.largest) <= _FLOORS * number[_STIFFNESS] * space.resolution[0] else STALLED
                 )
                 break
             number[_KNOWN] = 0.0

@@ -56,7 +56,7 @@ def line_search(
                 row[i, a] = start_f[i * d + a] + length * direction_nd[i, a]
         back = fixed
         fixed = project_rows(space.links, axes, row, space)
-        if is_stale(pairs, abs(length - last) * fastest + back + fixed):
+        if is_stale(pairs.number, abs(length - last) * fastest + back + fixed):
             pairs = follow(axes, row, space, pairs)
         clear(force_nd)
         sums = net_forces(effects, axes, row, force_nd, direction_nd, space, pairs)

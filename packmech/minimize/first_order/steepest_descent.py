@@ -10,7 +10,8 @@ import numpy as np
 from packmech.check import positive, real
 from packmech.jit.compiled import device, inner_kernel, kernel
 from packmech.minimize.first_order.line_search import copy_to, longest, read_places
-from packmech.minimize.passes.kernels import RUNNING, STALLED, Goal, clear, followed, judge, net_forces, survey
+from packmech.minimize.passes.kernels import RUNNING, STALLED, Goal, clear, judge, moved_far, net_forces, survey
+from packmech.minimize.passes.pair_list import follow
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -79,7 +80,8 @@ def _start_at(axes, row, start_f, velocity_nd, dt):
 def _force_at(effects, axes, row, force_nd, velocity_nd, space, pairs, start_f, dt, moved):
     """Move the rows by dt times the velocities from the start and take the forces there; return sums and pair list."""
     _start_at(axes, row, start_f, velocity_nd, dt)
-    pairs = followed(axes, row, space, pairs, moved + dt * longest(axes, velocity_nd))
+    if moved_far(axes, row, space, pairs.number, moved + dt * longest(axes, velocity_nd)):
+        pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     return net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs), pairs
 
@@ -92,7 +94,8 @@ def descent_steps(
     force_f = force_nd.reshape(force_nd.size)
     velocity_f = velocity_nd.reshape(force_nd.size)
     start_f, first_f, second_f, third_f = vector_kf[0], vector_kf[1], vector_kf[2], vector_kf[3]
-    pairs = followed(axes, row, space, pairs, 0.0)
+    if moved_far(axes, row, space, pairs.number, 0.0):
+        pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     clear(velocity_nd)
     sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)

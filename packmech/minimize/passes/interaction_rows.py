@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import LinkedPairs
 from packmech.effects import bonds_of, law_energy, law_first, law_second, refuse_tangential_springs
 from packmech.effects.interaction import PairLaw, interaction_law, is_interaction
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
-from packmech.minimize.passes.pair_list import pair_at
-from packmech.minimize.passes.shape_rows import axis_of
+from packmech.minimize.passes.pair_list import inner_pairs, visit, walk
+from packmech.minimize.passes.shape_rows import RowLaws, axis_of, by_shape
+from packmech.minimize.passes.single_rows import add_torque
 from packmech.scene import Scene
 
 
@@ -75,23 +77,41 @@ def bonded_rows(
 
 
 @inlined
-def _listed(row, pairs, p):
-    """Return the particles of a listed pair and the vector between them."""
-    i, j, sx, sy, sz = pair_at(pairs, p)
-    return i, j, row[j, 0] - row[i, 0] + sx, row[j, 1] - row[i, 1] + sy, row[j, 2] - row[i, 2] + sz
+def _alignment_of_discs(shapes, row, i, j):
+    return row[i, 3] + row[j, 3], 1.0, 0.0, 0.0, 0.0
+
+
+@inlined
+def _alignment_of_shapes(shapes, row, i, j):
+    ax, ay, az = axis_of(shapes, i)
+    bx, by, bz = axis_of(shapes, j)
+    sigma, alignment = shapes.radius_n[i] + shapes.radius_n[j], ax * bx + ay * by + az * bz
+    return sigma, alignment, ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@device
+def _turn_shapes(shapes, axes, force_nd, i, j, x, y, z):
+    add_torque(shapes, axes, force_nd, i, x, y, z)
+    add_torque(shapes, axes, force_nd, j, -x, -y, -z)
+
+
+@inlined
+def _stiffness_of_turns(shapes, stiffness_n, i, j, turns):
+    stiffness_n[i] += turns / shapes.gyration_n[i] ** 2
+    stiffness_n[j] += turns / shapes.gyration_n[j] ** 2
+
+
+# the contact distance of two rows, their alignment, and its slopes along rotations of i
+_alignment_of = by_shape(_alignment_of_discs, _alignment_of_shapes, _alignment_of_shapes)
+# adds a torque to the row of i's turn and takes it from that of j's; adds a bound on the curvature along turns
+_turn = by_shape(lambda shapes, axes, force_nd, i, j, x, y, z: None, _turn_shapes, _turn_shapes)
+_stiffen = by_shape(lambda shapes, stiffness_n, i, j, turns: None, _stiffness_of_turns, _stiffness_of_turns)
 
 
 @inlined
 def law_between(shapes, effects, row, i, j, r):
     """Return the PairLaw of all interactions together, and the slopes of the alignment along rotations of i."""
-    if shapes is None:
-        sigma, alignment = row[i, 3] + row[j, 3], 1.0
-        x = y = z = 0.0
-    else:
-        ax, ay, az = axis_of(shapes, i)
-        bx, by, bz = axis_of(shapes, j)
-        sigma, alignment = shapes.radius_n[i] + shapes.radius_n[j], ax * bx + ay * by + az * bz
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    sigma, alignment, x, y, z = _alignment_of(shapes, row, i, j)
     energy = first = turning = second = mixed = bending = 0.0
     for one in literal_unroll(effects):
         law = interaction_law(one, r, sigma, alignment)
@@ -102,33 +122,6 @@ def law_between(shapes, effects, row, i, j, r):
         mixed += law.mixed
         bending += law.bending
     return PairLaw(energy, first, turning, second, mixed, bending), x, y, z
-
-
-@device
-def _turn(shapes, axes, force_nd, i, j, x, y, z):
-    """Add a torque to the row of i's turn, and take it from that of j's."""
-    if shapes is not None:
-        n = shapes.radius_n.shape[0]
-        if len(axes) == 2:
-            force_nd[n + i, 0] += z
-            force_nd[n + j, 0] -= z
-        else:
-            force_nd[n + i, 0] += x
-            force_nd[n + i, 1] += y
-            force_nd[n + i, 2] += z
-            force_nd[n + j, 0] -= x
-            force_nd[n + j, 1] -= y
-            force_nd[n + j, 2] -= z
-
-
-def _is_bonded(one: Any) -> bool:
-    """Return whether one of the effects, or numba's type of it, is that of bonds."""
-    return getattr(one, "instance_class", type(one)) is RowsBonded
-
-
-def _has(effects: Any) -> bool:
-    """Return whether a tuple of effects, or numba's type of one, holds interactions."""
-    return any(is_interaction(one) for one in effects)
 
 
 @inlined
@@ -191,58 +184,69 @@ def _survey_bonds(one, row, virial_dd, stiffness_n):
     return energy
 
 
-def _bonds_push(one: Any, axes: Any, row: Any, force_nd: Any) -> tuple[float, int]:
-    """Add the forces of one of the effects if it is that of bonds; return their total and how many they are."""
-    total, pushed = _push_bonds(one, axes, row, force_nd) if _is_bonded(one) else (0.0, 0)
-    return total, pushed
+# the forces of one of the effects if it is that of bonds, their total and how many they are
+_bonds_push = by_type(lambda one, axes, row, force_nd: (0.0, 0), {RowsBonded: _push_bonds})
+# its energy; adds to the virial, and to the bounds on curvatures
+_bonds_survey = by_type(lambda one, row, virial_dd, stiffness_n: 0.0, {RowsBonded: _survey_bonds})
 
 
-@compiled_form(_bonds_push)
-def _choose_bonds_push(one: Any, axes: Any, row: Any, force_nd: Any) -> Any:
-    return _push_bonds if _is_bonded(one) else lambda one, axes, row, force_nd: (0.0, 0)
+class _PushingBeyond(NamedTuple):
+    """The visitor that adds the forces of interactions to rows."""
+
+    force_nd: Any
 
 
-def _bonds_survey(one: Any, row: Any, virial_dd: Any, stiffness_n: Any) -> float:
-    """Return the energy of one of the effects if it is that of bonds; add to the virial, and to the stiffness."""
-    return float(_survey_bonds(one, row, virial_dd, stiffness_n)) if _is_bonded(one) else 0.0
+class _SurveyingBeyond(NamedTuple):
+    """The visitor that adds up what interactions give to the virial and to the bounds on curvatures."""
+
+    virial_dd: Any
+    stiffness_n: Any
 
 
-@compiled_form(_bonds_survey)
-def _choose_bonds_survey(one: Any, row: Any, virial_dd: Any, stiffness_n: Any) -> Any:
-    return _survey_bonds if _is_bonded(one) else lambda one, row, virial_dd, stiffness_n: 0.0
-
-
-@device
-def _push(shapes, effects, axes, row, force_nd, pairs):
-    total = 0.0
-    pushed = 0
-    for p in range(pairs.count_b[0] + pairs.count_b[1]):
-        i, j, dx, dy, dz = _listed(row, pairs, p)
-        r = math.sqrt(dx * dx + dy * dy + dz * dz)
-        law, x, y, z = law_between(shapes, effects, row, i, j, r)
-        if law.first == 0.0 and law.turning == 0.0:
-            continue
+@visit.form(_PushingBeyond)
+@inlined
+def _push_pair(pushing, laws, pair, value):
+    i, j, dx, dy, dz = pair.i, pair.j, pair.dx, pair.dy, pair.dz
+    axes, force_nd = laws.axes, pushing.force_nd
+    total, pushed = value
+    r = math.sqrt(dx * dx + dy * dy + dz * dz)
+    law, x, y, z = law_between(laws.shapes, laws.effects, laws.body, i, j, r)
+    if law.first != 0.0 or law.turning != 0.0:
         _pull(axes, force_nd, i, j, law.first, r, dx, dy, dz)
-        _turn(shapes, axes, force_nd, i, j, -law.turning * x, -law.turning * y, -law.turning * z)
+        _turn(laws.shapes, axes, force_nd, i, j, -law.turning * x, -law.turning * y, -law.turning * z)
         total += abs(law.first)
         pushed += 1
     return total, pushed
 
 
+@visit.form(_SurveyingBeyond)
+@inlined
+def _survey_pair(surveying, laws, pair, whole):
+    i, j, shapes, stiffness_n = pair.i, pair.j, laws.shapes, surveying.stiffness_n
+    r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
+    law, _, _, _ = law_between(shapes, laws.effects, laws.body, i, j, r)
+    _add_curvature(i, j, law.first, law.second, r, pair.dx, pair.dy, pair.dz, surveying.virial_dd, stiffness_n)
+    _stiffen(shapes, stiffness_n, i, j, abs(law.bending) + abs(law.turning))
+    return whole + law.energy
+
+
+@device
+def _push(shapes, effects, axes, row, force_nd, pairs):
+    start = pairs.start_s
+    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingBeyond(force_nd)
+    return walk(pushing, laws, inner_pairs(pairs), start[0], start[1], start[2], (0.0, 0))
+
+
 @device
 def _survey(shapes, effects, row, pairs, virial_dd, stiffness_n):
-    whole = 0.0
-    for p in range(pairs.count_b[0] + pairs.count_b[1]):
-        i, j, dx, dy, dz = _listed(row, pairs, p)
-        r = math.sqrt(dx * dx + dy * dy + dz * dz)
-        law, _, _, _ = law_between(shapes, effects, row, i, j, r)
-        whole += law.energy
-        _add_curvature(i, j, law.first, law.second, r, dx, dy, dz, virial_dd, stiffness_n)
-        if shapes is not None:
-            turns = abs(law.bending) + abs(law.turning)
-            stiffness_n[i] += turns / shapes.gyration_n[i] ** 2
-            stiffness_n[j] += turns / shapes.gyration_n[j] ** 2
-    return whole
+    start = pairs.start_s
+    laws, surveying = RowLaws(effects, shapes, (0, 1, 2), row), _SurveyingBeyond(virial_dd, stiffness_n)
+    return walk(surveying, laws, inner_pairs(pairs), start[0], start[1], start[2], 0.0)
+
+
+def _has(effects: Any) -> bool:
+    """Return whether a tuple of effects, or numba's type of one, holds interactions."""
+    return any(is_interaction(one) for one in effects)
 
 
 def _between(shapes: Any, effects: Any, axes: Any, row: Any, force_nd: Any, pairs: Any) -> tuple[float, int]:

@@ -15,20 +15,14 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.constraints.compiled_links import (
-    CompiledLinks,
-    LinkedPairs,
-    add_tensions,
-    project_rows,
-    projected,
-    refresh,
-)
-from packmech.contacts.cells import Frame, Sizes
+from packmech.constraints.compiled_links import add_tensions, project_forces, project_rows, refresh
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.compiled import device, inlined, inner_kernel, kernel
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
-from packmech.minimize.passes.pair_list import BLOCK, follow, is_stale, pair_at
+from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
 from packmech.minimize.passes.shape_rows import (
+    RowLaws,
+    by_shape,
     flat_spin,
     keep_turned,
     shape_touch,
@@ -42,18 +36,8 @@ from packmech.minimize.passes.single_rows import push_rows, survey_rows
 # how a chunk of steps ended
 RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
 
-
-class Space(NamedTuple):
-    """What stays fixed while particles move: sizes, box, resolution of positions (rounding times extent), links.
-
-    And bonded pairs, which are no contacts.
-    """
-
-    sizes: Sizes
-    frame: Frame
-    resolution: float
-    links: CompiledLinks | None = None
-    bonded: LinkedPairs | None = None
+# rows whose forces are completed, and then summed over, together
+_BLOCK = 256
 
 
 class Goal(NamedTuple):
@@ -91,7 +75,7 @@ class Sums(NamedTuple):
 
 
 @device
-def _push_round(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
     """Add the forces of a touching pair of discs or spheres, and return their size, and 1."""
     r = math.sqrt(square)
     inverse = 1.0 / r
@@ -135,13 +119,8 @@ def _law(effects, rho, sigma):
 
 
 @inlined
-def _push_pair(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
-    """Add forces and torques of a pair whose surrounding discs or spheres overlap; return their size and number.
-
-    Torques go to the rows of the turns, where `turn_rows` makes forces of them.
-    """
-    if shapes is None:
-        return _push_round(effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
+def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+    """Do the same for two shapes whose surrounding discs or spheres overlap; torques go to the rows of the turns."""
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
         dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
@@ -186,62 +165,67 @@ def _push_pair(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, 
     return total, touching
 
 
+# adds forces and torques of a pair whose surrounding discs or spheres overlap; their size and number
+_push_pair = by_shape(_push_round, _push_shaped, _push_shaped)
+
+
+class _PushingRows(NamedTuple):
+    """The visitor that adds the forces of touching pairs to rows; the value is their total and number."""
+
+    force_nd: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+
+
+@inlined
+def _near(laws, pair):
+    """Return the square of a pair's distance, and how far its surrounding discs or spheres reach together."""
+    square = pair.dx * pair.dx + pair.dy * pair.dy
+    if len(laws.axes) == 3:
+        square += pair.dz * pair.dz
+    return square, laws.body[pair.i, 3] + laws.body[pair.j, 3]
+
+
+@visit.form(_PushingRows)
+@inlined
+def _push_listed(pushing, laws, pair, value):
+    square, sigma = _near(laws, pair)
+    total, touching = value
+    if square < sigma * sigma:
+        more, one = _push_pair(
+            laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pushing.velocity_nd,
+            pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, sigma,
+        )  # fmt: skip
+        total += more
+        touching += one
+    return total, touching
+
+
 @kernel
 def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
-    shift_kd = pairs.shift_kd
     n = pairs.anchor_nd.shape[0]
     shapes = shapes_of(effects)
     keep_turned(shapes, row)
-    total = 0.0
-    touching = 0
+    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd)
+    listed = inner_pairs(pairs)
+    low, special, end = pairs.start_s[0], pairs.start_s[1], pairs.start_s[2]
     power = 0.0
     whole = 0.0
     largest = 0.0
-    for p in range(pairs.count_b[1]):
-        i = pairs.crossing_i_p[p]
-        j = pairs.crossing_j_p[p]
-        k = pairs.crossing_k_p[p]
-        dx = row[j, 0] - row[i, 0] + shift_kd[k, 0]
-        dy = row[j, 1] - row[i, 1] + shift_kd[k, 1]
-        dz = 0.0
-        square = dx * dx + dy * dy
-        if len(axes) == 3:
-            dz = row[j, 2] - row[i, 2] + shift_kd[k, 2]
-            square += dz * dz
-        sigma = row[i, 3] + row[j, 3]
-        if square < sigma * sigma:
-            more, one = _push_pair(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma)
-            total += more
-            touching += one
+    total, touching = walk(pushing, laws, listed, special, special, end, (0.0, 0))
     more, pushed = push_interactions(shapes, effects, axes, row, force_nd, pairs)
     total += more
     touching += pushed
-    i_p = pairs.i_p
-    j_p = pairs.j_p
-    for b in range(pairs.block_b.shape[0] - 1):
-        for p in range(pairs.block_b[b], pairs.block_b[b + 1]):
-            i = i_p[p]
-            j = j_p[p]
-            dx = row[j, 0] - row[i, 0]
-            dy = row[j, 1] - row[i, 1]
-            dz = 0.0
-            square = dx * dx + dy * dy
-            if len(axes) == 3:
-                dz = row[j, 2] - row[i, 2]
-                square += dz * dz
-            sigma = row[i, 3] + row[j, 3]
-            if square < sigma * sigma:
-                more, one = _push_pair(
-                    shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma
-                )
-                total += more
-                touching += one
+    for begin in range(0, n, _BLOCK):
+        after = min(n, begin + _BLOCK)
+        high = special if after == n else first_pair_of(listed.i_p, low, special, after)
+        total, touching = walk(pushing, laws, listed, low, special, high, (total, touching))
+        low = high
         # pairs are sorted by i < j: the forces of pairs on this block of rows are complete, and still near
-        more, pushed = push_rows(shapes, effects, axes, row, force_nd, b * BLOCK, min(n, (b + 1) * BLOCK))
+        more, pushed = push_rows(shapes, effects, axes, row, force_nd, begin, after)
         total += more
         touching += pushed
-        for i in range(b * BLOCK, min(n, (b + 1) * BLOCK)):
+        for i in range(begin, after):
             fx = force_nd[i, 0]
             fy = force_nd[i, 1]
             own = fx * fx + fy * fy
@@ -256,12 +240,12 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     return Sums(total, touching, power + more, whole + square, max(largest, own))
 
 
-@device
-def project_forces(links, axes, force_nd, velocity_nd, sums):
+@inlined
+def _projected(links, axes, force_nd, velocity_nd, sums):
     """Project the forces of a pass onto the motions that the links admit; return the sums over what is left."""
-    if links is None:
-        return sums
-    power, square, largest = projected(links, axes, force_nd, velocity_nd)
+    power, square, largest = project_forces(
+        links, axes, force_nd, velocity_nd, sums.power, sums.square, sums.largest
+    )  # fmt: skip
     return Sums(sums.total, sums.touching, power, square, largest)
 
 
@@ -269,15 +253,17 @@ def project_forces(links, axes, force_nd, velocity_nd, sums):
 def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs):
     """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left."""
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
-    return project_forces(space.links, axes, force_nd, velocity_nd, sums)
+    return _projected(space.links, axes, force_nd, velocity_nd, sums)
 
 
 @inlined
-def followed(axes, row, space, pairs, moved):
-    """Bring rows back onto their links after none moved farther than `moved`; return pairs that are valid there."""
-    if is_stale(pairs, moved + project_rows(space.links, axes, row, space)):
-        pairs = follow(axes, row, space, pairs)
-    return pairs
+def moved_far(axes, row, space, number, moved):
+    """Bring rows back onto their links after none moved farther than `moved`; return whether pairs must be followed.
+
+    `number` is that of the pair list. Who calls it makes the list valid with `follow`: a list that came back from here
+    in every step would be copied in every step.
+    """
+    return is_stale(number, moved + project_rows(space.links, axes, row, space))
 
 
 @inner_kernel
@@ -329,7 +315,7 @@ class Survey(NamedTuple):
 
 
 @device
-def _survey_round(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
+def _survey_round(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
     """Add the stiffness and the virial of a touching pair of discs or spheres; return its energy, overlap, and 1."""
     r = math.sqrt(square)
     energy, first, second = _law(effects, r, sigma)
@@ -347,10 +333,8 @@ def _survey_round(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
 
 
 @device
-def _survey_pair(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
+def _survey_shaped(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
     """Do the same for all contacts of two particles; return their energy, the largest overlap, and their number."""
-    if shapes is None:
-        return _survey_round(effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
     if square == 0.0:
         dx = 1e-9 * sigma
     energy = deepest = 0.0
@@ -379,17 +363,7 @@ def _survey_pair(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, 
 
 
 @device
-def contacts_of(shapes, row, i, j, sx, sy, sz):
-    """Return in how many places two rows touch at an image, whose shift is given."""
-    dx = row[j, 0] - row[i, 0] + sx
-    dy = row[j, 1] - row[i, 1] + sy
-    dz = row[j, 2] - row[i, 2] + sz
-    sigma = row[i, 3] + row[j, 3]
-    square = dx * dx + dy * dy + dz * dz
-    if square >= sigma * sigma:
-        return 0
-    if shapes is None:
-        return 1
+def _touches_of_shapes(shapes, i, j, dx, dy, dz, square, sigma):
     if square == 0.0:
         dx = 1e-9 * sigma
     number = 0
@@ -398,28 +372,54 @@ def contacts_of(shapes, row, i, j, sx, sy, sz):
     return number
 
 
+_survey_pair = by_shape(_survey_round, _survey_shaped, _survey_shaped)
+_touches_of = by_shape(
+    lambda shapes, i, j, dx, dy, dz, square, sigma: 1, _touches_of_shapes, _touches_of_shapes
+)  # fmt: skip
+
+
+@device
+def contacts_of(laws, pair):
+    """Return in how many places two listed rows touch."""
+    square, sigma = _near(laws, pair)
+    if square >= sigma * sigma:
+        return 0
+    return _touches_of(laws.shapes, pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, sigma)
+
+
+class _SurveyingRows(NamedTuple):
+    """The visitor that adds up stiffness and virial; the value is the energy, the deepest overlap, and contacts."""
+
+    stiffness_n: NDArray[np.float64]
+    virial_dd: NDArray[np.float64]
+
+
+@visit.form(_SurveyingRows)
+@inlined
+def _survey_listed(surveying, laws, pair, value):
+    square, sigma = _near(laws, pair)
+    energy, deepest, contacts = value
+    if square < sigma * sigma:
+        own, overlap, count = _survey_pair(
+            laws.shapes, laws.effects, pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, sigma,
+            surveying.stiffness_n, surveying.virial_dd,
+        )  # fmt: skip
+        energy += own
+        deepest = max(deepest, overlap)
+        contacts += count
+    return energy, deepest, contacts
+
+
 @inner_kernel
 def survey(effects, row, pairs):
     """Return the Survey of the touching pairs, without what links bear."""
     shapes = shapes_of(effects)
     keep_turned(shapes, row)
     stiffness_n = np.zeros(row.shape[0])
-    energy = 0.0
     virial = np.zeros((3, 3))
-    deepest = 0.0
-    contacts = 0
-    for p in range(pairs.count_b[0] + pairs.count_b[1]):
-        i, j, sx, sy, sz = pair_at(pairs, p)
-        dx = row[j, 0] - row[i, 0] + sx
-        dy = row[j, 1] - row[i, 1] + sy
-        dz = row[j, 2] - row[i, 2] + sz
-        square = dx * dx + dy * dy + dz * dz
-        sigma = row[i, 3] + row[j, 3]
-        if square < sigma * sigma:
-            own, overlap, count = _survey_pair(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial)
-            energy += own
-            deepest = max(deepest, overlap)
-            contacts += count
+    start = pairs.start_s
+    laws, surveying = RowLaws(effects, shapes, (0, 1, 2), row), _SurveyingRows(stiffness_n, virial)
+    energy, deepest, contacts = walk(surveying, laws, inner_pairs(pairs), start[0], start[1], start[2], (0.0, 0.0, 0))
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
@@ -434,12 +434,12 @@ def survey(effects, row, pairs):
 @kernel
 def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
     """Return Sums, Survey (with what links bear) and the pair list at the positions in row; forces stay in force_nd."""
-    if is_stale(pairs, np.inf):
+    if is_stale(pairs.number, np.inf):
         pairs = follow(axes, row, space, pairs)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
     refresh(space.links, row, space)
-    sums = project_forces(space.links, axes, force_nd, velocity_nd, sums)
+    sums = _projected(space.links, axes, force_nd, velocity_nd, sums)
     found = survey(effects, row, pairs)
     add_tensions(space.links, axes, found.virial_dd)
     return sums, found, pairs
@@ -450,7 +450,7 @@ def judge(sums, stiffness, space, goal):
     """Return how things stand after a pass over the forces."""
     if not (sums.total < np.inf and sums.largest < np.inf):
         return NOT_FINITE
-    floor = stiffness * space.resolution
+    floor = stiffness * space.resolution[0]
     if sums.total <= sums.touching * max(floor, goal.force_floor):
         return UNJAMMED
     if math.sqrt(sums.largest) * sums.touching <= goal.force_tolerance * sums.total:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.contact_distance import exact_root, height, pair_of
 from packmech.contacts.scaled_contact import touch_of
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
 from packmech.shapes import Beads
@@ -52,6 +53,15 @@ class BeadRows(NamedTuple):
     frame_ndd: NDArray[np.float64]
     arm_bd: NDArray[np.float64]
     dimension: int
+
+
+class RowLaws(NamedTuple):
+    """What acts between rows: effects, the shapes among them (None without), axes, and the rows."""
+
+    effects: Any
+    shapes: Any
+    axes: Any
+    body: Any
 
 
 class ShapeTouch(NamedTuple):
@@ -172,27 +182,6 @@ def _rotation_factors(square):
     return sine / angle, 2.0 * half * half / square, (angle - sine) / (square * angle)
 
 
-def _keeper(shapes: Any) -> Any:
-    return _keep_frames if _kind(shapes) is BeadRows else _keep_directors
-
-
-def _keep_turned(shapes: Any, row: Any) -> None:
-    _keeper(shapes)(shapes, row)
-
-
-@compiled_form(_keep_turned)
-def _choose_keep_turned(shapes: Any, row: Any) -> Any:
-    own = _keeper(shapes)
-    return lambda shapes, row: own(shapes, row)
-
-
-@device
-def keep_turned(shapes, row):
-    """Keep the shapes, if there are any, as the rows turn them, for the pass that follows."""
-    if shapes is not None:
-        _keep_turned(shapes, row)
-
-
 @inlined
 def _shape(shapes, i):
     """Return the semi-axes and the unit director of a particle."""
@@ -255,46 +244,10 @@ def _first_axis(shapes, i):
     return shapes.frame_ndd[i, 0, 0], shapes.frame_ndd[i, 1, 0], shapes.frame_ndd[i, 2, 0]
 
 
-def axis_of(shapes: Any, i: int) -> tuple[float, float, float]:
-    """Return the direction by which pairs are aligned: the director, or the first axis of a body."""
-    x, y, z = (_first_axis if _kind(shapes) is BeadRows else _director)(shapes, i)
-    return x, y, z
-
-
-@compiled_form(axis_of, inline=True)
-def _choose_axis_of(shapes: Any, i: Any) -> Any:
-    return _first_axis if _kind(shapes) is BeadRows else _director
-
-
-def _toucher(shapes: Any) -> Any:
-    return _touch_of_beads if _kind(shapes) is BeadRows else _touch_of_spheroids
-
-
-def shape_touch(shapes: Any, i: int, j: int, k: int, dx: float, dy: float, dz: float, d: int) -> ShapeTouch:
-    """Return the k-th ShapeTouch of two particles whose centers are (dx, dy, dz) apart."""
-    found: ShapeTouch = _toucher(shapes)(shapes, i, j, k, dx, dy, dz, d)
-    return found
-
-
-@compiled_form(shape_touch, inline=True)
-def _choose_shape_touch(shapes: Any, i: Any, j: Any, k: Any, dx: Any, dy: Any, dz: Any, d: Any) -> Any:
-    return _toucher(shapes)
-
-
-def touches(shapes: Any, i: int, j: int) -> int:
-    """Return in how many places two particles may touch: one of spheroids, every pair of beads of bodies."""
-    return _pairs_of_beads(shapes, i, j) if isinstance(shapes, BeadRows) else 1
-
-
 @device
 def _pairs_of_beads(shapes, i, j):
     start = shapes.start_n
     return (start[i + 1] - start[i]) * (start[j + 1] - start[j])
-
-
-@compiled_form(touches, inline=True)
-def _choose_touches(shapes: Any, i: Any, j: Any) -> Any:
-    return _pairs_of_beads if _kind(shapes) is BeadRows else lambda shapes, i, j: 1
 
 
 @device
@@ -334,26 +287,6 @@ def _spin(shapes, row, velocity_nd, i):
     u, v, w = velocity_nd[k, 0], velocity_nd[k, 1], velocity_nd[k, 2]
     inverse = 1.0 / (x * x + y * y + z * z)
     return inverse * (y * w - z * v), inverse * (z * u - x * w), inverse * (x * v - y * u)
-
-
-def flat_spin(shapes: Any, row: Any, velocity_nd: Any, i: int) -> Any:
-    """Return the rate at which a particle turns in its plane."""
-    return (_flat_turning if isinstance(shapes, BeadRows) else _flat_spin)(shapes, row, velocity_nd, i)
-
-
-@compiled_form(flat_spin)
-def _choose_flat_spin(shapes: Any, row: Any, velocity_nd: Any, i: Any) -> Any:
-    return _flat_turning if _kind(shapes) is BeadRows else _flat_spin
-
-
-def spin_of(shapes: Any, row: Any, velocity_nd: Any, i: int) -> Any:
-    """Return the angular velocity of a particle in space."""
-    return (_turning_vector if isinstance(shapes, BeadRows) else _spin)(shapes, row, velocity_nd, i)
-
-
-@compiled_form(spin_of)
-def _choose_spin_of(shapes: Any, row: Any, velocity_nd: Any, i: Any) -> Any:
-    return _turning_vector if _kind(shapes) is BeadRows else _spin
 
 
 @device
@@ -426,19 +359,26 @@ def _turn_bodies(shapes, axes, row, force_nd, velocity_nd):
     return power, whole, largest
 
 
-def _turn(shapes: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> Any:
-    own = _turn_bodies if _kind(shapes) is BeadRows else _turn_directors
-    return own(shapes, axes, row, force_nd, velocity_nd)
+# what is done for each kind of shape: an entry for discs and spheres, spheroids, and bodies of beads
 
 
-@compiled_form(_turn)
-def _choose_turn(shapes: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any) -> Any:
-    return _turn_bodies if _kind(shapes) is BeadRows else _turn_directors
+def by_shape(discs: Any, spheroids: Any, beads: Any) -> Any:
+    """Return a function that runs one of three, by its first argument: None, `ShapeRows` or `BeadRows`."""
+    return by_type(discs, {ShapeRows: spheroids, BeadRows: beads})
 
 
-@device
-def turn_rows(shapes, axes, row, force_nd, velocity_nd):
-    """Make forces on turns of the torques in their rows; return F.v, F.F, and the square of the largest."""
-    if shapes is None:
-        return 0.0, 0.0, 0.0
-    return _turn(shapes, axes, row, force_nd, velocity_nd)
+# keeps the shapes as the rows turn them, for the pass that follows: (shapes, row)
+keep_turned = by_shape(lambda shapes, row: None, _keep_directors, _keep_frames)
+# the direction by which pairs are aligned, the director or the first axis of a body: (shapes, i)
+axis_of = by_shape(None, _director, _first_axis)
+# in how many places two particles may touch: (shapes, i, j)
+touches = by_shape(None, lambda shapes, i, j: 1, _pairs_of_beads)
+# the k-th ShapeTouch of two particles whose centers are (dx, dy, dz) apart: (shapes, i, j, k, dx, dy, dz, d)
+shape_touch = by_shape(None, _touch_of_spheroids, _touch_of_beads)
+# the rate at which a particle turns in its plane, and its angular velocity in space: (shapes, row, velocity_nd, i)
+flat_spin = by_shape(None, _flat_spin, _flat_turning)
+spin_of = by_shape(None, _spin, _turning_vector)
+# makes forces on turns of the torques in their rows; F.v, F.F, and the square of the largest
+turn_rows = by_shape(
+    lambda shapes, axes, row, force_nd, velocity_nd: (0.0, 0.0, 0.0), _turn_directors, _turn_bodies
+)  # fmt: skip

@@ -9,11 +9,12 @@ energy it has half; a wall's dashpot sees their rate, which for discs is twice t
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from packmech.effects import Walls, body_energy, body_force, body_second, law_energy, law_first, law_second
-from packmech.jit.compiled import compiled_form, inlined
-from packmech.minimize.passes.shape_rows import BeadRows
+from packmech.jit.by_type import by_type
+from packmech.jit.compiled import inlined
+from packmech.minimize.passes.shape_rows import by_shape
 
 
 class Motion(NamedTuple):
@@ -73,7 +74,7 @@ def _pull(wall, distance, sigma, rate):
 
 
 @inlined
-def _push_of_walls_on_spheroid(wall, shapes, i, motion):
+def _push_of_walls_on_spheroid(shapes, wall, i, motion):
     size, bend = _reach(wall, shapes, i)
     at = _component(wall.axis, motion.x, motion.y, motion.z)
     speed = _component(wall.axis, motion.u, motion.v, motion.w)
@@ -97,7 +98,7 @@ def _push_of_walls_on_spheroid(wall, shapes, i, motion):
 
 
 @inlined
-def _push_of_walls_on_beads(wall, shapes, i, motion):
+def _push_of_walls_on_beads(shapes, wall, i, motion):
     at = _component(wall.axis, motion.x, motion.y, motion.z)
     speed = _component(wall.axis, motion.u, motion.v, motion.w)
     push = tx = ty = tz = 0.0
@@ -130,25 +131,8 @@ def _push_on_center(one, shapes, i, motion, mass):
     return x, y, z, 0.0, 0.0, 0.0
 
 
-def _kind(one: Any) -> Any:
-    return getattr(one, "instance_class", type(one))
-
-
-def push_on_shape(one: Any, shapes: Any, i: int, motion: Motion, mass: float) -> Any:
-    """Return the force and the torque of one effect on a particle with a shape."""
-    raise NotImplementedError("shapes are pushed in compiled loops")
-
-
-@compiled_form(push_on_shape, inline=True)
-def _choose_push_on_shape(one: Any, shapes: Any, i: Any, motion: Any, mass: Any) -> Any:
-    if _kind(one) is not Walls:
-        return _push_on_center
-    push = _push_of_walls_on_beads if _kind(shapes) is BeadRows else _push_of_walls_on_spheroid
-    return lambda one, shapes, i, motion, mass: push(one, shapes, i, motion)
-
-
 @inlined
-def _spheroid_on_walls(wall, shapes, i, x, y, z):
+def _spheroid_on_walls(shapes, wall, i, x, y, z):
     """Return the energy of a spheroid on both walls, and a bound of its stiffness along its coordinates."""
     size, bend = _reach(wall, shapes, i)
     at = _component(wall.axis, x, y, z)
@@ -165,7 +149,7 @@ def _spheroid_on_walls(wall, shapes, i, x, y, z):
 
 
 @inlined
-def _beads_on_walls(wall, shapes, i, x, y, z):
+def _beads_on_walls(shapes, wall, i, x, y, z):
     at = _component(wall.axis, x, y, z)
     energy = stiffness = 0.0
     for bead in range(shapes.start_n[i], shapes.start_n[i + 1]):
@@ -189,14 +173,23 @@ def _center_alone(one, shapes, i, x, y, z, mass):
     return body_energy(one, x, y, z, mass, radius), stiffness
 
 
-def energy_of_shape(one: Any, shapes: Any, i: int, x: float, y: float, z: float, mass: float) -> Any:
-    """Return the energy of a particle with a shape under one effect, and a bound of its stiffness."""
-    raise NotImplementedError("shapes are looked at in compiled loops")
+# force and torque of walls on a particle: (shapes, walls, i, motion); its energy there, and a bound of its stiffness
+# along its coordinates: (shapes, walls, i, x, y, z)
+_push_of_walls = by_shape(None, _push_of_walls_on_spheroid, _push_of_walls_on_beads)
+_energy_on_walls = by_shape(None, _spheroid_on_walls, _beads_on_walls)
 
 
-@compiled_form(energy_of_shape, inline=True)
-def _choose_energy_of_shape(one: Any, shapes: Any, i: Any, x: Any, y: Any, z: Any, mass: Any) -> Any:
-    if _kind(one) is not Walls:
-        return _center_alone
-    energy = _beads_on_walls if _kind(shapes) is BeadRows else _spheroid_on_walls
-    return lambda one, shapes, i, x, y, z, mass: energy(one, shapes, i, x, y, z)
+@inlined
+def _pushed_by_walls(walls, shapes, i, motion, mass):
+    return _push_of_walls(shapes, walls, i, motion)
+
+
+@inlined
+def _on_walls(walls, shapes, i, x, y, z, mass):
+    return _energy_on_walls(shapes, walls, i, x, y, z)
+
+
+# force and torque of one effect on a particle with a shape: (effect, shapes, i, motion, mass)
+push_on_shape = by_type(_push_on_center, {Walls: _pushed_by_walls})
+# energy of a particle with a shape under one effect, and a bound of its stiffness: (effect, shapes, i, x, y, z, mass)
+energy_of_shape = by_type(_center_alone, {Walls: _on_walls})

@@ -14,7 +14,9 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
-from packmech.jit.compiled import compiled_form, device, inlined
+from packmech.jit.by_type import by_type
+from packmech.jit.compiled import device, inlined
+from packmech.minimize.passes.shape_rows import by_shape
 from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
 from packmech.scene import Scene
 
@@ -59,12 +61,45 @@ def acting_on_rows(scene: Scene, order_n: NDArray[np.int64]) -> tuple[Any, ...]:
 
 
 @inlined
-def _pushed(one, shapes, row, i, mass):
-    """Return the force and the torque of one effect on a particle at rest."""
-    if shapes is None:
-        x, y, z = body_force(one, row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, mass, row[i, 3])
-        return x, y, z, 0.0, 0.0, 0.0
+def _disc_pushed(shapes, one, row, i, mass):
+    x, y, z = body_force(one, row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, mass, row[i, 3])
+    return x, y, z, 0.0, 0.0, 0.0
+
+
+@inlined
+def _shape_pushed(shapes, one, row, i, mass):
     return push_on_shape(one, shapes, i, Motion(row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), mass)
+
+
+@device
+def _turn_shape(shapes, axes, force_nd, i, tx, ty, tz):
+    n = shapes.radius_n.shape[0]
+    if len(axes) == 3:
+        force_nd[n + i, 0] += tx
+        force_nd[n + i, 1] += ty
+        force_nd[n + i, 2] += tz
+    else:
+        force_nd[n + i, 0] += tz
+
+
+@inlined
+def _energy_of_disc(shapes, one, row, i, mass):
+    x, y, z, radius = row[i, 0], row[i, 1], row[i, 2], row[i, 3]
+    xx, yy, zz, yz, xz, xy = body_second(one, x, y, z, mass, radius)
+    stiffness = max(abs(xx), abs(yy), abs(zz)) + abs(yz) + abs(xz) + abs(xy)
+    return body_energy(one, x, y, z, mass, radius), stiffness
+
+
+@inlined
+def _energy_of_shape(shapes, one, row, i, mass):
+    return energy_of_shape(one, shapes, i, row[i, 0], row[i, 1], row[i, 2], mass)
+
+
+# force and torque of one effect on a particle at rest, and its energy with a bound of its stiffness
+_pushed = by_shape(_disc_pushed, _shape_pushed, _shape_pushed)
+_energy = by_shape(_energy_of_disc, _energy_of_shape, _energy_of_shape)
+# adds a torque to the row of a particle's turn, if it has one
+add_torque = by_shape(lambda shapes, axes, force_nd, i, tx, ty, tz: None, _turn_shape, _turn_shape)
 
 
 @device
@@ -75,7 +110,7 @@ def _push(one, shapes, axes, row, force_nd, low, high):
         fx = fy = fz = 0.0
         tx = ty = tz = 0.0
         for acting in literal_unroll(one.single):
-            px, py, pz, qx, qy, qz = _pushed(acting, shapes, row, i, one.mass_n[i])
+            px, py, pz, qx, qy, qz = _pushed(shapes, acting, row, i, one.mass_n[i])
             fx += px
             fy += py
             fz += pz
@@ -90,21 +125,8 @@ def _push(one, shapes, axes, row, force_nd, low, high):
         force_nd[i, 1] += fy
         if len(axes) == 3:
             force_nd[i, 2] += fz
-        _turn(shapes, axes, force_nd, i, tx, ty, tz)
+        add_torque(shapes, axes, force_nd, i, tx, ty, tz)
     return total, pushed
-
-
-@device
-def _turn(shapes, axes, force_nd, i, tx, ty, tz):
-    """Add a torque to the row of a particle's turn, if it has one."""
-    if shapes is not None:
-        n = shapes.radius_n.shape[0]
-        if len(axes) == 3:
-            force_nd[n + i, 0] += tx
-            force_nd[n + i, 1] += ty
-            force_nd[n + i, 2] += tz
-        else:
-            force_nd[n + i, 0] += tz
 
 
 @device
@@ -118,20 +140,8 @@ def _hold(one, shapes, axes, row, force_nd, low, high):
     return 0.0, 0
 
 
-@device
-def _leave(one, shapes, axes, row, force_nd, low, high):
-    return 0.0, 0
-
-
-def _push_rows(one: Any, shapes: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> tuple[float, int]:
-    """Add what one record does to particles with these shapes, None for discs and spheres."""
-    raise NotImplementedError("rows are pushed in compiled loops")
-
-
-@compiled_form(_push_rows)
-def _choose_push_rows(one: Any, shapes: Any, axes: Any, row: Any, force_nd: Any, low: Any, high: Any) -> Any:
-    kind: Any = getattr(one, "instance_class", None)
-    return {RowsPushed: _push, RowsHeld: _hold}.get(kind, _leave)
+# adds what one record does to particles with these shapes, None for discs and spheres; its total and how many
+_push_rows = by_type(lambda one, shapes, axes, row, force_nd, low, high: (0.0, 0), {RowsPushed: _push, RowsHeld: _hold})
 
 
 @device
@@ -146,23 +156,12 @@ def push_rows(shapes, effects, axes, row, force_nd, low, high):
     return total, pushed
 
 
-@inlined
-def _energy(one, shapes, row, i, mass):
-    """Return the energy of a particle under one effect, and a bound of its stiffness."""
-    x, y, z, radius = row[i, 0], row[i, 1], row[i, 2], row[i, 3]
-    if shapes is None:
-        xx, yy, zz, yz, xz, xy = body_second(one, x, y, z, mass, radius)
-        stiffness = max(abs(xx), abs(yy), abs(zz)) + abs(yz) + abs(xz) + abs(xy)
-        return body_energy(one, x, y, z, mass, radius), stiffness
-    return energy_of_shape(one, shapes, i, x, y, z, mass)
-
-
 @device
 def _survey_pushed(one, shapes, row, stiffness_n):
     energy = 0.0
     for i in range(one.mass_n.shape[0]):
         for acting in literal_unroll(one.single):
-            own, stiffness = _energy(acting, shapes, row, i, one.mass_n[i])
+            own, stiffness = _energy(shapes, acting, row, i, one.mass_n[i])
             energy += own
             stiffness_n[i] += stiffness
     return energy, one.stiffness
@@ -176,20 +175,10 @@ def _survey_held(one, shapes, row, stiffness_n):
     return 0.0, 0.0
 
 
-@device
-def _survey_none(one, shapes, row, stiffness_n):
-    return 0.0, 0.0
-
-
-def _survey_rows(one: Any, shapes: Any, row: Any, stiffness_n: Any) -> tuple[float, float]:
-    """Return what one record does to particles with these shapes, None for discs and spheres."""
-    raise NotImplementedError("rows are looked at in compiled loops")
-
-
-@compiled_form(_survey_rows)
-def _choose_survey_rows(one: Any, shapes: Any, row: Any, stiffness_n: Any) -> Any:
-    kind: Any = getattr(one, "instance_class", None)
-    return {RowsPushed: _survey_pushed, RowsHeld: _survey_held}.get(kind, _survey_none)
+# the energy of what one record does, and a stiffness of contacts; adds its own to stiffness_n
+_survey_rows = by_type(
+    lambda one, shapes, row, stiffness_n: (0.0, 0.0), {RowsPushed: _survey_pushed, RowsHeld: _survey_held}
+)
 
 
 @device

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions
-from packmech.contacts.cells import Frame, lattice_volume, set_frame
+from packmech.contacts.cells import lattice_volume, set_frame
 from packmech.jit.compiled import device
-from packmech.minimize.passes.kernels import CONVERGED, NOT_FINITE, RUNNING, Space, Sums, judge, survey
+from packmech.minimize.passes.kernels import CONVERGED, NOT_FINITE, RUNNING, Sums, judge, survey
 from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER
 
 # places in FreeStrains.number_k
@@ -58,7 +58,7 @@ class FreeStrains(NamedTuple):
 
 @device
 def strain_space(axes, row, space, pairs, map_dd):
-    """Strain the box of rows that were strained already; return the new space. Pairs are kept as far as complete."""
+    """Strain the box of rows that were strained already. Pairs are kept as far as they are complete."""
     d = len(axes)
     lattice = space.frame.lattice_dd
     new = np.zeros((3, 3))
@@ -79,7 +79,7 @@ def strain_space(axes, row, space, pairs, map_dd):
         widest = max(widest, space.sizes.largest_a[a])
     pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * 4.0 * widest
     pairs.number[DISPLACED] = np.inf
-    return refreshed(axes, row, space)
+    set_resolution(axes, row, space)
 
 
 @device
@@ -97,8 +97,8 @@ def map_rows(axes, row, count, map_dd):
 
 
 @device
-def refreshed(axes, row, space):
-    """Return the space with the rounding of the positions as they are."""
+def set_resolution(axes, row, space):
+    """Set the rounding of the positions as they are."""
     frame = space.frame
     largest = 0.0
     for i in range(row.shape[0]):
@@ -107,10 +107,7 @@ def refreshed(axes, row, space):
     for a in range(len(axes)):
         for b in range(len(axes)):
             largest = max(largest, abs(frame.lattice_dd[a, b]))
-    resolution = 2.220446049250313e-16 * largest
-    return Space(
-        space.sizes, Frame(frame.lattice_dd, frame.inverse_dd, frame.height_d), resolution, space.links, space.bonded
-    )
+    space.resolution[0] = 2.220446049250313e-16 * largest
 
 
 @device
@@ -166,9 +163,9 @@ def judge_all(strains, sums, stiffness, space, goal):
 
 @device
 def move_box(strains, axes, row, space, pairs, keep, push, dt):
-    """Set the rates of free strains to keep times themselves plus push times their forces; return the new space."""
+    """Set the rates of free strains to keep times themselves plus push times their forces, and strain the box so."""
     if strains is None:
-        return space
+        return
     d, rate = len(axes), strains.rate_dd
     map_dd = np.eye(3)
     for a in range(d):
@@ -182,7 +179,7 @@ def move_box(strains, axes, row, space, pairs, keep, push, dt):
             for b in range(d):
                 map_dd[a, b] *= factor
     map_rows(axes, row, pairs.anchor_nd.shape[0], map_dd)
-    return strain_space(axes, row, space, pairs, map_dd)
+    strain_space(axes, row, space, pairs, map_dd)
 
 
 @device

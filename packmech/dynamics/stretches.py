@@ -1,0 +1,105 @@
+"""Displacements of tangential springs of listed pairs, by pair and image: how they outlive a list that is given up."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.jit.compiled import device
+from packmech.minimize.passes.pair_list import PairList, Track, listed_pairs
+
+# rows of a block, at least; blocks, at most
+_ROWS, _BLOCKS = 320, 32
+
+
+@device
+def inner_stretches(track):  # type: ignore[no-untyped-def]
+    """Return the stretches of the inner pairs; None without a track."""
+    return None if track is None else track.inner_pk
+
+
+def blocks_of(rows: int) -> NDArray[np.int64]:
+    """Return the first row of each block of so many rows, and at the end their number."""
+    blocks = max(1, min(_BLOCKS, rows // _ROWS))
+    return np.arange(blocks + 1, dtype=np.int64) * rows // blocks
+
+
+def empty_track(dimension: int, beads: int = 1) -> Track:
+    """Return a track without pairs, for an empty list; for bodies of up to so many beads."""
+    none = np.zeros((0, beads * beads * (1 if dimension == 2 else 3)))
+    return Track(none, none.copy())
+
+
+class Stretches(NamedTuple):
+    """Pairs of rows (i < j, or i == j), images in the loops' lattice (C, 3), beads (C, 2), stretches (C, 1 or 3)."""
+
+    i_c: NDArray[np.int64]
+    j_c: NDArray[np.int64]
+    image_cd: NDArray[np.int64]
+    bead_c2: NDArray[np.int64]
+    stretch_ck: NDArray[np.float64]
+
+    def moved(self, shift_nd: NDArray[np.int64], back_dd: NDArray[np.int64]) -> Stretches:
+        """Return them after rows were moved by minus lattice @ shift and the lattice was exchanged.
+
+        Parameters
+        ----------
+        shift_nd
+            (N, d) whole numbers.
+        back_dd
+            (d, d) whole numbers: inverse of the change of lattice vectors.
+
+        """
+        d = shift_nd.shape[1]
+        image = self.image_cd.copy()
+        image[:, :d] += shift_nd[self.j_c] - shift_nd[self.i_c]
+        image[:, :d] = image[:, :d] @ back_dd.T
+        bead, stretch = self.bead_c2, self.stretch_ck
+        own = self.i_c == self.j_c
+        if own.any():
+            # the list takes the image of a pair with itself whose first nonzero number is positive
+            first = np.take_along_axis(image, np.argmax(image != 0, axis=1)[:, None], axis=1)[:, 0]
+            turned = own & (first < 0)
+            image[turned] *= -1
+            bead = np.where(turned[:, None], bead[:, ::-1], bead)
+            if stretch.shape[1] == 3:
+                stretch = np.where(turned[:, None], -stretch, stretch)
+        return Stretches(self.i_c, self.j_c, image, bead, stretch)
+
+
+def read_stretches(pairs: PairList, track: Track | None, dimension: int) -> Stretches:
+    """Return the stretches that are not zero, sorted by (i, j, image, beads); none without a track."""
+    components = 1 if dimension == 2 else 3
+    if track is None:
+        none, two, three = (np.zeros((0, *more), dtype=np.int64) for more in ((), (2,), (3,)))
+        return Stretches(none, none, three, two, np.zeros((0, components)))
+    i, j, image = listed_pairs(pairs)
+    springs = track.inner_pk[: len(i)].reshape(len(i), track.inner_pk.shape[1] // components, components)
+    pair, spring = np.nonzero(springs.any(axis=2))
+    i, j, image, stretch = i[pair], j[pair], image[pair], springs[pair, spring]
+    bead = np.stack(np.divmod(spring, math.isqrt(springs.shape[1])), axis=1)
+    order = np.lexsort((*bead.T[::-1], *image.T[::-1], j, i))
+    return Stretches(i[order], j[order], image[order], bead[order], stretch[order])
+
+
+def write_stretches(pairs: PairList, track: Track | None, held: Stretches) -> None:
+    """Give the pairs of a list the stretches that are held for them."""
+    if track is None or not len(held.i_c):
+        return
+    i, j, image = listed_pairs(pairs)
+    whole = np.concatenate([np.column_stack([i, j, image]), np.column_stack([held.i_c, held.j_c, held.image_cd])])
+    _, key = np.unique(whole, axis=0, return_inverse=True)
+    key = key.ravel()
+    listed, asked = key[: len(i)], key[len(i) :]
+    order = np.argsort(listed)
+    place = np.searchsorted(listed[order], asked)
+    found = order[np.minimum(place, len(order) - 1)]
+    hit = listed[found] == asked
+    components = held.stretch_ck.shape[1]
+    springs = np.zeros((len(i), track.inner_pk.shape[1] // components, components))
+    spring = held.bead_c2[:, 0] * math.isqrt(springs.shape[1]) + held.bead_c2[:, 1]
+    springs[found[hit], spring[hit]] = held.stretch_ck[hit]
+    track.inner_pk[: len(i)] = springs.reshape(len(i), -1)
