@@ -240,6 +240,8 @@ class Links:
 
     def numbered(self, number_n: NDArray[np.int64]) -> Links:
         """Return the links with particles renumbered; links of a particle with a negative number are left out."""
+        if not len(self):
+            return self
         kept = self.select((number_n[self.i_l] >= 0) & (number_n[self.j_l] >= 0))
         return dataclasses.replace(kept, i_l=number_n[kept.i_l], j_l=number_n[kept.j_l])
 

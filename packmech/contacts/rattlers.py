@@ -62,18 +62,16 @@ class Ends(NamedTuple):
 
 def join_ends(parts: Sequence[Ends]) -> Ends:
     """Return the ends of several kinds of contacts; rows that lack turns or tangential forces have zeros there."""
-    sides, width = (max(one.side_esx.shape[k] for one in parts) for k in (1, 2))
-    push, side = [], []
-    for one in parts:
-        more = width - one.push_ex.shape[1]
-        push.append(np.pad(one.push_ex, ((0, 0), (0, more))))
-        side.append(np.pad(one.side_esx, ((0, 0), (0, sides - one.side_esx.shape[1]), (0, more))))
-    return Ends(
-        np.concatenate([one.body_e for one in parts]),
-        np.concatenate([one.other_e for one in parts]),
-        np.concatenate(push),
-        np.concatenate(side),
-    )
+    found = [one for one in parts if len(one.body_e)] or parts[:1]
+    sides, width = (max(one.side_esx.shape[k] for one in found) for k in (1, 2))
+    start = np.cumsum([0, *(len(one.body_e) for one in found)])
+    push, side = np.zeros((start[-1], width)), np.zeros((start[-1], sides, width))
+    for first, one in zip(start, found, strict=False):
+        rows = slice(first, first + len(one.body_e))
+        push[rows, : one.push_ex.shape[1]] = one.push_ex
+        side[rows, : one.side_esx.shape[1], : one.side_esx.shape[2]] = one.side_esx
+    body, other = (np.concatenate([getattr(one, name) for one in found]) for name in ("body_e", "other_e"))
+    return Ends(body, other, push, side)
 
 
 @device
