@@ -43,7 +43,7 @@ from packmech.dynamics.observables import (
     TORQUE,
     measure,
 )
-from packmech.dynamics.time_step import WHOLE_STEP, Acting, Rule, Span, System, advance
+from packmech.dynamics.time_step import WHOLE_STEP, Acting, EngineSystem, Rule, Span, advance
 from packmech.effects import Friction, friction_of
 from packmech.honors import declare
 from packmech.jit.compiled import compiled_form, device, kernel
@@ -104,7 +104,7 @@ def figure_names(dimension: int) -> tuple[str, ...]:
     return ("time", "strain", "rate", *component_names("stress", size, symmetric=True), "pressure", *named)
 
 
-def with_friction(system: System, coefficient: float) -> System:
+def with_friction(system: EngineSystem, coefficient: float) -> EngineSystem:
     """Return the system with another coefficient of friction; the same where there is none."""
     raise NotImplementedError("frames are taken in compiled loops")
 
@@ -117,7 +117,7 @@ def _choose_with_friction(system: Any, coefficient: Any) -> Any:
     def another(system, coefficient):
         (pairs, bodies, old, shapes), axes, state, links, space, lists, track = system
         friction = Friction(coefficient, old.stiffness, old.damping)
-        return System(Acting(pairs, bodies, friction, shapes), axes, state, links, space, lists, track)
+        return EngineSystem(Acting(pairs, bodies, friction, shapes), axes, state, links, space, lists, track)
 
     return another
 

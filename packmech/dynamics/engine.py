@@ -46,10 +46,10 @@ from packmech.dynamics.time_step import (
     TOO_FAST,
     WHOLE_STEP,
     Acting,
+    EngineArrays,
+    EngineSystem,
     Rule,
     Span,
-    State,
-    System,
     advance,
     run_steps,
 )
@@ -141,7 +141,7 @@ class Engine:
     profile: Any
     direction_dd: NDArray[np.float64] | None
     acting: Acting
-    state: State
+    state: EngineArrays
     space: Space
     pairs: PairList
     track: Track | None
@@ -164,9 +164,9 @@ class Engine:
         return self.steps * self.dt
 
     @property
-    def system(self) -> System:
+    def system(self) -> EngineSystem:
         """All that the compiled loops move."""
-        return System(self.acting, self.axes, self.state, self.rattle, self.space, self.pairs, self.track)
+        return EngineSystem(self.acting, self.axes, self.state, self.rattle, self.space, self.pairs, self.track)
 
     @property
     def rule(self) -> Rule:
@@ -731,7 +731,7 @@ def build_engine(
         profile=Still() if profile is None else profile,
         direction_dd=direction_dd,
         acting=Acting(pairs or None, bodies or None, friction, shape),
-        state=State(
+        state=EngineArrays(
             tuple(range(spins)),
             body,
             np.zeros((n, d + spins)),

@@ -25,7 +25,7 @@ from packmech.contacts.fused_volume import body_moments
 from packmech.dynamics.friction import Slip, cross, slip_of_round
 from packmech.jit.compiled import device, inlined, kernel
 from packmech.minimize.passes.shape_rows import BeadRows, touch_of_two_beads, touches
-from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
+from packmech.minimize.passes.shape_singles import RowMotion, energy_of_shape, push_on_shape
 from packmech.shapes import Beads
 
 
@@ -221,7 +221,7 @@ def dragged_to(bodies, axes, i, wx, wy, wz):
 def motion_of_row(axes, body, i, spin):
     """Return how a row moves that turns with a spin."""
     w = body[i, 6] if len(axes) == 3 else 0.0
-    return Motion(body[i, 0], body[i, 1], body[i, 2], body[i, 4], body[i, 5], w, spin[0], spin[1], spin[2])
+    return RowMotion(body[i, 0], body[i, 1], body[i, 2], body[i, 4], body[i, 5], w, spin[0], spin[1], spin[2])
 
 
 @inlined

@@ -31,7 +31,7 @@ _GROWTH = 1.1
 _HALVINGS = 40
 
 
-class Motion(NamedTuple):
+class LoneMotion(NamedTuple):
     """A motion of one contact or particle, a = -inverse_mass (spring x + dashpot v).
 
     `tangential` says whether x is the integral of a slip velocity, and `of` what acts, in words.
@@ -44,7 +44,7 @@ class Motion(NamedTuple):
     tangential: bool
 
 
-def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Motion]:
+def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[LoneMotion]:
     """Return the motions of one contact, one bond and one particle that a scene is sure to have, if it has any.
 
     A contact is that of the lightest with the heaviest particle: whatever the lightest one touches is no heavier, and
@@ -61,7 +61,7 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Moti
     """
     packing = scene.packing
     free_n = inverse_mass_n[inverse_mass_n > 0.0]
-    found: list[Motion] = []
+    found: list[LoneMotion] = []
     if not len(free_n):
         return found
     turned = 1.0 if packing.shapes.has_orientations else stiffening(packing)[1]
@@ -70,21 +70,21 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Moti
         pairs, friction = [one for one in scene.effects if not is_bound(one)], acting_friction(scene.effects)
         if not packing.shapes.has_orientations:
             spring, dashpot = (min(column) for column in zip(*_normal(scene, pairs), strict=True))
-            found.append(Motion("the normal force of a contact", max(spring, 0.0), max(dashpot, 0.0), pair, False))
+            found.append(LoneMotion("the normal force of a contact", max(spring, 0.0), max(dashpot, 0.0), pair, False))
         if friction is not None:
             sticking = friction.stiffness, friction.damping, turned * pair
-            found.append(Motion("the friction of a contact", *sticking, True))
+            found.append(LoneMotion("the friction of a contact", *sticking, True))
     bonds = bonds_of(scene.effects)
     if bonds is not None and not packing.links:
         bond = float((inverse_mass_n[bonds.i_b] + inverse_mass_n[bonds.j_b]).max())
         rests = (float(bonds.rest_length_b.min()), float(bonds.rest_length_b.max()))
         spring = min(abs(law_second(law, r, r)) for r in rests for law in (bonds.compression, bonds.tension))
-        found.append(Motion("the normal force of a bond", spring, bonds.damping, bond, False))
+        found.append(LoneMotion("the normal force of a bond", spring, bonds.damping, bond, False))
         across = bonds.tangential_stiffness, bonds.tangential_damping, turned * bond
-        found.append(Motion("the tangential force of a bond", *across, True))
+        found.append(LoneMotion("the tangential force of a bond", *across, True))
     for one in scene.effects:
         if isinstance(one, BackgroundDamping):
-            found.append(Motion("the drag on a particle", 0.0, one.rate, 1.0, False))
+            found.append(LoneMotion("the drag on a particle", 0.0, one.rate, 1.0, False))
     return found
 
 
@@ -162,7 +162,7 @@ def step_condition(
     longest, what = dt, ""
     for one in lone_motions(scene, inverse_mass_n):
 
-        def grows(step: float, one: Motion = one) -> bool:
+        def grows(step: float, one: LoneMotion = one) -> bool:
             spring, dashpot = one.inverse_mass * one.spring * step**2, one.inverse_mass * one.dashpot * step
             how = {"tangential": one.tangential, "second_order": second_order, "lead": lead}
             return growth(spring, dashpot, **how) > _GROWTH

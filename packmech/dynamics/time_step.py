@@ -45,7 +45,7 @@ class Acting(NamedTuple):
     shapes: Any = None
 
 
-class State(NamedTuple):
+class EngineArrays(NamedTuple):
     """The arrays of the engine. weight_nk holds 1/m and, where particles turn, 1/I; both are 0 for what is held.
 
     `spins` is a tuple as long as a spin: none where nothing turns, 1 in a plane, 3 in space. `lead` is the share of the
@@ -62,7 +62,7 @@ class State(NamedTuple):
     lead: Any
 
 
-class System(NamedTuple):
+class EngineSystem(NamedTuple):
     """All that moves: what acts, axes, arrays, links (None without), space, pair lists and their track.
 
     axes is (0, 1) or (0, 1, 2).
@@ -70,7 +70,7 @@ class System(NamedTuple):
 
     acting: Acting
     axes: Any
-    state: State
+    state: EngineArrays
     links: Any
     space: Any
     pairs: Any
@@ -412,7 +412,7 @@ def take_steps(system, ledger, thread, span, rule):
     return RUNNING, span.steps
 
 
-def run_steps(system: System, ledger: Any, threads: int, span: Span, rule: Rule) -> tuple[int, int]:
+def run_steps(system: EngineSystem, ledger: Any, threads: int, span: Span, rule: Rule) -> tuple[int, int]:
     """Take steps as `take_steps` does, on so many threads; one thread in compiled code."""
 
     def run(thread: ThreadRecord | None) -> tuple[int, int]:
@@ -433,7 +433,7 @@ def _choose_run_steps(system: Any, ledger: Any, threads: Any, span: Any, rule: A
 
 
 @device
-def advance(system: System, ledger: Any, threads: int, span: Span, rule: Rule) -> tuple[int, int, System]:
+def advance(system: EngineSystem, ledger: Any, threads: int, span: Span, rule: Rule) -> tuple[int, int, EngineSystem]:
     """Take up to `span.steps` whole steps, with new pair lists wherever these are stale.
 
     Return how that ended, the steps taken, and the system with the lists that are valid then.
@@ -450,8 +450,8 @@ def advance(system: System, ledger: Any, threads: int, span: Span, rule: Rule) -
 
 
 @device
-def with_new_lists(system: System) -> System:
+def with_new_lists(system: EngineSystem) -> EngineSystem:
     """Return the system with pair lists rebuilt at its positions and strain."""
     acting, axes, state, links, space, pairs, track = system
     pairs, track = search(axes, state.body, space, pairs, track)
-    return System(acting, axes, state, links, space, pairs, track)
+    return EngineSystem(acting, axes, state, links, space, pairs, track)

@@ -70,7 +70,7 @@ class Fire(NamedTuple):
 
     def advance_strained(self, program: Program, strains: Any, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps, in free strains of the box, too, where there are any."""
-        numbers = _Numbers(*self[:-1], 0.0, 0.0, strains)
+        numbers = _FireNumbers(*self[:-1], 0.0, 0.0, strains)
         return program.advance(fire_steps, numbers, goal, progress, steps, self.largest_step)
 
 
@@ -100,10 +100,10 @@ class Fire2(NamedTuple):
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps; return the status code."""
-        return program.advance(fire_steps, _Numbers(*self[:-1], 0.5, 1.0), goal, progress, steps, self.largest_step)
+        return program.advance(fire_steps, _FireNumbers(*self[:-1], 0.5, 1.0), goal, progress, steps, self.largest_step)
 
 
-class _Numbers(NamedTuple):
+class _FireNumbers(NamedTuple):
     """The numbers of either form, the part of an uphill step taken back, whether mixing sees the kick, and strains."""
 
     dt: float

@@ -58,10 +58,10 @@ class SteepestDescent(NamedTuple):
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps, those that were too long counted; return the status code."""
         allowed = self.tolerance * 2.0 * float(program.scene.packing.radius_n.min())
-        return program.advance(descent_steps, _Numbers(allowed), goal, progress, steps, self.largest_step)
+        return program.advance(descent_steps, _DescentNumbers(allowed), goal, progress, steps, self.largest_step)
 
 
-class _Numbers(NamedTuple):
+class _DescentNumbers(NamedTuple):
     """The error allowed in a step [length]."""
 
     allowed: float

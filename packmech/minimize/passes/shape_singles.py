@@ -17,7 +17,7 @@ from packmech.jit.compiled import inlined
 from packmech.minimize.passes.shape_rows import by_shape
 
 
-class Motion(NamedTuple):
+class RowMotion(NamedTuple):
     """Where the center of a particle is, how fast it moves, and its angular velocity."""
 
     x: float

@@ -17,7 +17,7 @@ from packmech.effects import body_energy, body_force, body_second, held_particle
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined
 from packmech.minimize.passes.shape_rows import by_shape
-from packmech.minimize.passes.shape_singles import Motion, energy_of_shape, push_on_shape
+from packmech.minimize.passes.shape_singles import RowMotion, energy_of_shape, push_on_shape
 from packmech.scene import Scene
 
 
@@ -68,7 +68,7 @@ def _disc_pushed(shapes, one, row, i, mass):
 
 @inlined
 def _shape_pushed(shapes, one, row, i, mass):
-    return push_on_shape(one, shapes, i, Motion(row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), mass)
+    return push_on_shape(one, shapes, i, RowMotion(row[i, 0], row[i, 1], row[i, 2], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), mass)
 
 
 @device
