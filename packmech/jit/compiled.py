@@ -109,6 +109,25 @@ def _refusal(classes: dict[type, Any]) -> TypeError | None:
     return None
 
 
+def makes_arrays(laws: Any) -> bool:
+    """Return whether a user's record among numba's types of what acts has a method that needs references counted."""
+    for cls, numba_type in record_types(laws):
+        if cls.__module__.startswith("packmech."):
+            continue
+        for method in _METHODS.get(cls, ("", {}))[1].values():
+            numbers = [types.float64] * (len(inspect.signature(method).parameters) - 1)
+            # tried out with references counted: numba would remember for good what failed without
+            tried = njit(**OPTIONS)(method)
+            try:
+                tried.compile((numba_type, *numbers))
+            except NumbaError:
+                return True
+            named = next(iter(tried.overloads.values())).type_annotation.typemap.values()
+            if any(isinstance(one, types.Array) for one in named):
+                return True
+    return False
+
+
 def _naming_refusals(compile_for: Callable[..., Any]) -> Callable[..., Any]:
     """Return numba's entry to compilation, but a user's method that does not compile is named in one line."""
 

@@ -37,7 +37,7 @@ class SpringOfArrays(NamedTuple):
 
 
 def an_engine(law: object) -> Engine:
-    """Return a engine that shears thirty discs under a law."""
+    """Return an engine that shears thirty discs under a law."""
     packing = pm.random_packing(30, dimension=2, packing_fraction=0.9, seed=3)
     profile = Ramp(0.0, 0.01, 0.0, np.inf)
     still = np.zeros((30, 2))
@@ -62,3 +62,13 @@ def test_figures_kept_on_the_way_are_those_seen_there() -> None:
     assert ledger.row_tk[0] == pytest.approx(seen, abs=1e-13)
     measure(engine.system, engine.time, engine.now, again)
     assert np.array_equal(seen, again)
+
+
+def test_law_that_makes_arrays_is_relaxed_as_one_that_makes_none() -> None:
+    packing = pm.random_packing(30, dimension=2, packing_fraction=0.9, seed=3)
+    own, built_in = (
+        pm.quench(pm.Scene(packing, (pm.Repulsion(law=law),)), force_tolerance=1e-10)
+        for law in (SpringOfArrays(), pm.LinearSpring())
+    )
+    assert own.ok
+    assert np.abs(own.packing.position_nd - built_in.packing.position_nd).max() < 1e-12

@@ -19,20 +19,16 @@ of their pairs along, the displacements of tangential springs.
 
 from __future__ import annotations
 
-import inspect
 import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
-from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import LinkedPairs, without_linked
 from packmech.contacts.cells import Frame, PairTable, Sizes, find_pairs
 from packmech.jit.by_type import by_type
-from packmech.jit.cache import record_types
-from packmech.jit.compiled import _METHODS, OPTIONS, compiled_form, device, inlined, inner_kernel, inner_lean, kernel
+from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, inner_lean, kernel, makes_arrays
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
@@ -238,25 +234,6 @@ def walk(visitor: Any, laws: Any, pairs: InnerPairs, first: int, special: int, l
     Where a user's law makes arrays, it does.
     """
     raise NotImplementedError("pairs are visited in compiled loops")
-
-
-def makes_arrays(laws: Any) -> bool:
-    """Return whether a user's record among numba's types of what acts has a method that needs references counted."""
-    for cls, numba_type in record_types(laws):
-        if cls.__module__.startswith("packmech."):
-            continue
-        for method in _METHODS.get(cls, ("", {}))[1].values():
-            numbers = [types.float64] * (len(inspect.signature(method).parameters) - 1)
-            # tried out with references counted: numba would remember for good what failed without
-            tried = njit(**OPTIONS)(method)
-            try:
-                tried.compile((numba_type, *numbers))
-            except NumbaError:
-                return True
-            named = next(iter(tried.overloads.values())).type_annotation.typemap.values()
-            if any(isinstance(one, types.Array) for one in named):
-                return True
-    return False
 
 
 @compiled_form(walk)
