@@ -32,7 +32,7 @@ from packmech.jamming.contact_selection import (
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.shaped import classify_shaped
-from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict, unjamming_motion
+from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict, unjamming_motion
 from packmech.jit.blas import single_thread
 from packmech.measure.rattlers import without
 from packmech.mechanics.hessian import is_stable
@@ -123,12 +123,12 @@ def judged_by_fewest(
 
 
 def settle(
-    collectively: Answer,
-    strictly: Answer,
+    collectively: JammingAnswer,
+    strictly: JammingAnswer,
     selection: ContactSelection,
     rest: RestCheck | None,
     within: Callable[[int], Judged],
-) -> tuple[Answer, Answer]:
+) -> tuple[JammingAnswer, JammingAnswer]:
     """Return the collective and the strict answer, ambiguous where the packing's state leaves them open.
 
     Parameters
@@ -162,7 +162,7 @@ def settle(
     return _consistent(collectively, strictly)
 
 
-def undecided(packing: Packing, answer: Answer) -> Answer:
+def undecided(packing: Packing, answer: JammingAnswer) -> JammingAnswer:
     """Return the answer, ambiguous where a motion that links admit is blocked at second order, by the forces."""
     if not packing.links or answer.verdict != NOT_JAMMED:
         return answer
@@ -173,11 +173,11 @@ def undecided(packing: Packing, answer: Answer) -> Answer:
     return _left_open(answer, f"not jammed to first order, but held by the forces at second order; {answer.reason}")
 
 
-def _left_open(answer: Answer, reason: str) -> Answer:
+def _left_open(answer: JammingAnswer, reason: str) -> JammingAnswer:
     return replace(answer, verdict=AMBIGUOUS, reason=reason)
 
 
-def _settled(answer: Answer, selection: ContactSelection, kept: bool | None, reason: str) -> Answer:
+def _settled(answer: JammingAnswer, selection: ContactSelection, kept: bool | None, reason: str) -> JammingAnswer:
     """Return the answer, ambiguous unless it is `kept` by the fewest contacts (if jammed) or the most (if not)."""
     if answer.verdict == AMBIGUOUS:
         return answer
@@ -189,14 +189,14 @@ def _settled(answer: Answer, selection: ContactSelection, kept: bool | None, rea
     return _left_open(answer, reason)
 
 
-def _may_stand(answer: Answer, selection: ContactSelection) -> bool:
+def _may_stand(answer: JammingAnswer, selection: ContactSelection) -> bool:
     """Return whether "jammed" may stand off the plateau, if the fewest contacts give it too."""
     fewest, at, _ = selection.levels
     unique = answer.states_of_self_stress == 1 and fewest.excess == at.excess
     return unique or selection.mean_overlap * fewest.particles**2 < SMALL_OVERLAP
 
 
-def _consistent(collectively: Answer, strictly: Answer) -> tuple[Answer, Answer]:
+def _consistent(collectively: JammingAnswer, strictly: JammingAnswer) -> tuple[JammingAnswer, JammingAnswer]:
     """Return the answers, an ambiguous one settled where the other implies it: strictly jammed is collectively so."""
     if strictly.verdict == JAMMED and collectively.verdict == AMBIGUOUS:
         reason = f"strictly jammed, so collectively; {strictly.reason}"
@@ -403,7 +403,7 @@ def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: BoxStrain, g
     return is_stable(scene.replace(packing=backbone), strain=strain, gap_tolerance=gap_tolerance, free_turns=False)
 
 
-def _emptied(answer: Answer, rounds: int) -> Answer:
+def _emptied(answer: JammingAnswer, rounds: int) -> JammingAnswer:
     """Return the answer, its reason that taking out what moves, again and again (the source's rule), left nothing."""
     if answer.verdict != NOT_JAMMED:
         return answer
@@ -412,13 +412,13 @@ def _emptied(answer: Answer, rounds: int) -> Answer:
     return replace(answer, reason=reason)
 
 
-def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], count: int) -> Answer:
+def _answer(packing: Packing, method: str, judged: tuple[MotionCone, Finding], count: int) -> JammingAnswer:
     cone, finding = judged
     # without a backbone there is nothing to count
     independent = cone.unknowns - cone.dimension if count else 0
     floppy = 0 if finding.jammed or not independent else cone.floppy_modes(within_error=finding.within_error)
     states = count + cone.bound_rows - (independent - floppy) if count else 0
-    return Answer(
+    return JammingAnswer(
         verdict=AMBIGUOUS if finding.jammed is None else JAMMED if finding.jammed else NOT_JAMMED,
         reason=finding.reason,
         first_order_jammed=finding.jammed,

@@ -21,7 +21,7 @@ from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects import Harmonic, Repulsion, contact_terms
 from packmech.jamming.backbone import EMPTY
 from packmech.jamming.contact_selection import ContactSelection, GapLevel, RestCheck
-from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, Answer, Verdict
+from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
 from packmech.measure.contact_forces import force_balance
 from packmech.mechanics.network import Network, contact_network
 from packmech.mechanics.quartic import quartic_modes
@@ -89,10 +89,12 @@ def _carrying(network: Network, scene: Scene) -> Network:
     return replace(network, contacts=one.select(force > _CARRYING * float(force.mean())))
 
 
-def _answer(scene: Scene, network: Network, strain: BoxStrain, rest: RestCheck, gap_tolerance: float | None) -> Answer:
+def _answer(
+    scene: Scene, network: Network, strain: BoxStrain, rest: RestCheck, gap_tolerance: float | None
+) -> JammingAnswer:
     """Return the answer to one question, and what it rests on."""
     if not len(network.contacts):
-        return Answer(NOT_JAMMED, EMPTY, False, 0, 0, 0)
+        return JammingAnswer(NOT_JAMMED, EMPTY, False, 0, 0, 0)
     states = states_of_self_stress(network.packing, strain, contacts=network.contacts, basis_limit=1e9)
     floppy = states.motions - states.trivial - states.rank
     force = _balanced(states.force_ck, network.contacts, scene, rest)
@@ -100,8 +102,8 @@ def _answer(scene: Scene, network: Network, strain: BoxStrain, rest: RestCheck, 
     if not states.certain:
         first = None
 
-    def answer(verdict: str, reason: str) -> Answer:
-        return Answer(
+    def answer(verdict: str, reason: str) -> JammingAnswer:
+        return JammingAnswer(
             verdict,
             reason,
             first,

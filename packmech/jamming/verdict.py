@@ -23,7 +23,7 @@ JAMMED, NOT_JAMMED, AMBIGUOUS = "jammed", "not jammed", "ambiguous"
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class JammingAnswer:
     """The answer to one question: is the packing collectively (box fixed) or strictly (box free to deform) jammed.
 
     Attributes
@@ -132,8 +132,8 @@ class Verdict:
 
     local: str
     local_reason: str
-    collectively: Answer
-    strictly: Answer
+    collectively: JammingAnswer
+    strictly: JammingAnswer
     rattlers: NDArray[np.bool_]
     network: Contacts
     touching: ContactSelection
@@ -183,7 +183,7 @@ class Verdict:
         return np.asarray(self.rattlers & linked & (self.touching.contacts.count_n() == 0))
 
     @property
-    def _strongest(self) -> Answer:
+    def _strongest(self) -> JammingAnswer:
         return self.strictly if self.strictly.first_order_jammed else self.collectively
 
     @property
@@ -350,7 +350,7 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
     return numbers
 
 
-def _answer_numbers(name: str, answer: Answer) -> dict[str, Any]:
+def _answer_numbers(name: str, answer: JammingAnswer) -> dict[str, Any]:
     motion = answer.unjamming_motion
     return {
         f"{name}_reason": answer.reason,

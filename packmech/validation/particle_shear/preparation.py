@@ -173,7 +173,7 @@ def prepared_discs(
     bonded = centers is not None or lines is not None
     if bonded:
         _pieces(centers, lines)
-    material, relax = experiment.material, _Preparation(experiment, first)
+    material, relax = experiment.material, _PreparationStages(experiment, first)
     discs = relax.before_bonds(_random_discs(experiment, radii, rng))
     longest = experiment.longest_step
     if bonded:
@@ -221,7 +221,7 @@ def _random_discs(experiment: ParticleShear, radii: str, rng: np.random.Generato
     return ShearedDiscs(place_nd.astype(float), radius_n, mass_n, width=width, height=height)
 
 
-class _Preparation:
+class _PreparationStages:
     """The stages of the package's preparation."""
 
     def __init__(self, experiment: ParticleShear, first: int) -> None:

@@ -19,7 +19,7 @@ from packmech.validation.particle_shear.material import Material, repulsion, ten
 OPEN, STICK, SLIP, BOND = 0, 1, 2, 3
 
 
-class NearPairs(NamedTuple):
+class KnownPairs(NamedTuple):
     """Near pairs i < j in order, their kinds, and what a contact needs at hand.
 
     That is, in a row of 9: the two histories, 1/(r_i + r_j), and the last separation from i to j: n_x, n_y, the number
@@ -68,7 +68,7 @@ def _find_near(x_n, y_n, radius_n, i, width, height, strain, margin, near_n):
 def list_pairs(position_nd, radius_n, width, height, strain, margin, old):
     """Return the pairs nearer than touching plus the margin.
 
-    NearPairs of the old list that are in contact or bonded stay, wherever they are, with their state.
+    KnownPairs of the old list that are in contact or bonded stay, wherever they are, with their state.
     """
     count, listed = radius_n.shape[0], old.i_p.shape[0]
     x_n, y_n = position_nd[:, 0].copy(), position_nd[:, 1].copy()
@@ -99,7 +99,7 @@ def list_pairs(position_nd, radius_n, width, height, strain, margin, old):
             kind_p[p] = old.kind_p[from_p[p]]
             state_p9[p, 0] = old.state_p9[from_p[p], 0]
             state_p9[p, 1] = old.state_p9[from_p[p], 1]
-    return NearPairs(i_p, j_p, kind_p, state_p9)
+    return KnownPairs(i_p, j_p, kind_p, state_p9)
 
 
 # the package's words for the kinds of contacts, and ours for `permanent`
@@ -775,12 +775,12 @@ class Steps:
         return np.asarray(self.stress_tsdd[:, STRESSES.index(check.one_of("name", name, STRESSES))])
 
 
-def _start_pairs(discs: ShearedDiscs) -> NearPairs:
+def _start_pairs(discs: ShearedDiscs) -> KnownPairs:
     kinds = np.array([KINDS[str(kind)] for kind in discs.kind_c], dtype=np.int64)
     i_p, j_p = (np.array(discs.contact_ck[:, k]) for k in (0, 1))
     state_p9 = np.zeros((len(kinds), 9))
     state_p9[:, :2] = discs.history_ck
-    return NearPairs(i_p, j_p, kinds, state_p9)
+    return KnownPairs(i_p, j_p, kinds, state_p9)
 
 
 def advance(discs: ShearedDiscs, material: Material, rules: StepRules, strain_rate_t: ArrayLike) -> Steps:
