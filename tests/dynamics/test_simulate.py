@@ -235,7 +235,7 @@ def test_a_time_limit_is_an_outcome(jammed):
 
 def test_a_scene_without_links_has_none_of_their_arrays(jammed):
     engine = build_engine(pm.Scene(jammed, REPULSION), dt=0.1, velocity_nd=np.zeros((48, 2)))
-    assert engine.space.linked is None and engine.rattle is None
+    assert engine.space.links is None and engine.rattle is None
 
 
 @pytest.mark.parametrize(
