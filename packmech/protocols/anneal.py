@@ -260,13 +260,14 @@ def tap(
 
     def tapped(count: int) -> Run:
         shaken = scene.replace(packing=kicked(again.packing, kick, rng))
-        run = again.jam(shaken, {"tap": count, "amplitude": float(amplitude)})
-        if progress is not None and run.outcome not in (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT):
+        return again.jam(shaken, {"tap": count, "amplitude": float(amplitude)})
+
+    def reported(count: int, run: Run) -> None:
+        if progress is not None:
             figures = {"packing": run.packing, "packing_fraction": run.report["packing_fraction"]}
             progress("tap", {"tap": count, **figures})
-        return run
 
-    return in_turn(range(1, number + 1), tapped)
+    return in_turn(range(1, number + 1), tapped, reported)
 
 
 class _Again:

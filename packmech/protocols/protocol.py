@@ -586,8 +586,19 @@ def report_start(protocol: Protocol) -> None:
     report["start"] = "continued" if same else "rearranged"
 
 
-def in_turn(goals: Iterable[T], run: Callable[[T], Run]) -> tuple[Run, ...]:
+def in_turn(
+    goals: Iterable[T], run: Callable[[T], Run], after: Callable[[T, Run], None] | None = None
+) -> tuple[Run, ...]:
     """Return one run for each goal; one that finds nothing jammed, or is stopped, is the last.
+
+    Parameters
+    ----------
+    goals
+        One after the other.
+    run
+        Returns the run of a goal.
+    after
+        Called with every goal and run but the last of such an end, once that run is kept.
 
     Raises
     ------
@@ -601,6 +612,8 @@ def in_turn(goals: Iterable[T], run: Callable[[T], Run]) -> tuple[Run, ...]:
             runs.append(run(goal))
             if runs[-1].outcome in _LAST:
                 break
+            if after is not None:
+                after(goal, runs[-1])
     except KeyboardInterrupt as stop:
         stop.runs = tuple(runs)  # type: ignore[attr-defined]
         raise

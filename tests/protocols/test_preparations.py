@@ -113,7 +113,8 @@ def test_a_light_tap_leads_back_to_the_same_packing(shapes, dimension):
     before = pm.find_contacts(whole.packing) if shapes is None else pm.find_shape_contacts(whole.packing)
     (run,) = pm.tap(whole, 1e-3, seed=1, pressure=1e-5)
     after = pm.find_contacts(run.packing) if shapes is None else pm.find_shape_contacts(run.packing)
-    assert len(after) == len(before)
+    # a rattler may rest against another particle to the last digit
+    assert np.count_nonzero(after.overlap_c > 1e-12) == np.count_nonzero(before.overlap_c > 1e-12)
     assert run.report["packing_fraction"] == pytest.approx(pm.packing_fraction(whole.packing), abs=1e-10)
     assert run.report["pressure"] == pytest.approx(1e-5, rel=1e-6) and run.residual < 1e-5
 
