@@ -48,6 +48,7 @@ from packmech.effects import Friction, friction_of
 from packmech.honors import declare
 from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
+from packmech.minimize.passes.pair_list import SEARCHES
 from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
 from packmech.result import Outcome
@@ -225,8 +226,10 @@ def _frame(batch, b, doing, control_k):
     state, space = system.state, system.space
     profile = space.flow.profile
     rule = Rule(plan.dt, plan.second_order, number_k[REACH])
+    searches = system.pairs.number[SEARCHES]
+    switched = doing == FRESH and plan.switched
     if doing == FRESH:
-        if plan.switched:
+        if switched:
             system = with_friction(system, control_k[control_k.shape[0] - 1])
         begin, end = count_k[STEPS] * plan.dt, (count_k[STEPS] + plan.steps) * plan.dt
         number_k[FASTEST] = extend_path(profile, plan.control, begin, end, control_k) * plan.dt
@@ -258,7 +261,9 @@ def _frame(batch, b, doing, control_k):
             count_k[GOOD] = count_k[STEPS]
         else:
             status = NOT_FINITE
-    batch[b] = (system, plan)
+    if switched or system.pairs.number[SEARCHES] != searches:
+        # storing a record costs as much as a step of a small packing
+        batch[b] = (system, plan)
     if status != RUNNING:
         _put_back(state, profile, plan)
         count_k[STATUS] = status
