@@ -5,7 +5,7 @@
 
 Two processes live as long as the comparison lasts, one for each checkout (the other version, "tag", and the one that
 this file is in, "head"). They are asked in turn, tag, head, head, tag, ..., for one row of the table at a time; each
-prepares a row when it is first asked (what it compiles then is not counted) and answers with the CPU seconds of its
+has prepared all rows before, the first answer (which compiles) is not counted, and answers are the CPU seconds of its
 process. Scenes come from the benchmarks of the checkout itself, and both get the same packings: the first that needs
 one writes it down for the other.
 
@@ -141,12 +141,13 @@ class Worker:
         with path.open("wb") as file:
             np.savez(file, **arrays)
 
+    def prepare(self, name: str) -> float:
+        """Make what a row needs; all rows are prepared before any is timed, since solvers start threads."""
+        self._prepared[name] = ROWS[name](self)
+        return 0.0
+
     def time(self, name: str) -> float:
         """Return the seconds of a row."""
-        if name not in self._prepared:
-            call = ROWS[name](self)
-            call()
-            self._prepared[name] = call
         return self._prepared[name]()
 
 
@@ -428,7 +429,8 @@ def work(folder: Path) -> None:
     os.dup2(2, 1)
     worker = Worker(folder)
     for line in sys.stdin:
-        print(json.dumps(worker.time(json.loads(line))), file=answers, flush=True)
+        what, name = json.loads(line)
+        print(json.dumps(getattr(worker, what)(name)), file=answers, flush=True)
 
 
 class Process:
@@ -446,10 +448,10 @@ class Process:
         )
         self._side = side
 
-    def ask(self, name: str) -> float:
-        """Return the seconds of a row."""
+    def ask(self, name: str, what: str = "time") -> float:
+        """Return the seconds of a row, or prepare it."""
         assert self._running.stdin is not None and self._running.stdout is not None
-        self._running.stdin.write(json.dumps(name) + "\n")
+        self._running.stdin.write(json.dumps([what, name]) + "\n")
         self._running.stdin.flush()
         answer = self._running.stdout.readline()
         if not answer:
@@ -471,6 +473,9 @@ def compare(tag: Path, names: list[str], pairs: int) -> int:
     print(f"{'row':52s} {'head / tag':>10s} {'quartiles':>15s} {'tag [ms]':>11s} {'head [ms]':>11s}", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         processes = {side: Process(side, path, Path(folder)) for side, path in (("tag", tag), ("head", _HEAD))}
+        for name in names:
+            for side in ("tag", "head"):
+                processes[side].ask(name, "prepare")
         for name in names:
             for side in ("tag", "head"):
                 processes[side].ask(name)
