@@ -233,6 +233,7 @@ def pair_rows(
 
     ends = end_slopes(i_c, j_c, slope_cx, turn_nkt, dimension)
     size = len(turn_nkt) * ends.shape[2]
+    i_c, j_c = (np.require(one, requirements="W") for one in (i_c, j_c))
     matrix = sp.csr_array(_pair_rows(i_c, j_c, ends), shape=(len(i_c), size))
     matrix.has_canonical_format = True
     return matrix

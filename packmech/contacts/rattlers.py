@@ -336,9 +336,9 @@ def can_balance(push, side, count, mu):  # type: ignore[no-untyped-def]
 
 @kernel
 def _find_rattling(  # type: ignore[no-untyped-def]
-    start, order, other, push, side, d, mu, turns, queue, length, waiting, rattling
+    start, order, other, push, side, d, mu, rotates, queue, length, waiting, rattling
 ):
-    """Mark the bodies that rattle; order[start[i]:start[i+1]] are the ends of body i.
+    """Mark the bodies that rattle; order[start[i]:start[i+1]] are the ends of body i, rotates None where none does.
 
     The first `length` in the queue wait, first in, first out: a large one with many neighbors is looked at once a
     round, not once for each that it loses. Those that wait without being in the queue never rattle.
@@ -359,13 +359,20 @@ def _find_rattling(  # type: ignore[no-untyped-def]
         for h in range(start[i], start[i + 1]):
             e = order[h]
             if other[e] < 0 or not rattling[other[e]]:
-                pushes[count], sides[count] = push[e], side[e]
+                for a in range(push.shape[1]):
+                    pushes[count, a] = push[e, a]
+                    if rotates is not None:
+                        for b in range(side.shape[1]):
+                            sides[count, b, a] = side[e, b, a]
                 count += 1
-        if turns[i]:
-            enough = mu > 0.0 or count > d
-            held = enough and can_balance(pushes, sides, count, mu)  # type: ignore[no-untyped-call]
-        else:
+        if rotates is None:
             held = not _is_free(pushes, d, x, y, angle, count)
+        else:
+            if rotates[i]:
+                enough = mu > 0.0 or count > d
+                held = enough and can_balance(pushes, sides, count, mu)  # type: ignore[no-untyped-call]
+            else:
+                held = not _is_free(pushes, d, x, y, angle, count)
         if held:
             continue
         rattling[i] = True
@@ -409,8 +416,10 @@ def rattling_bodies(
     queue = np.zeros(bodies, dtype=np.int64)
     queue[: len(free)] = free
     waiting = np.ones(bodies, dtype=bool)
+    # what judges bodies that turn is compiled where there are any
+    rotates = turns_b if turns_b.any() else None
     _find_rattling(
-        start, order, ends.other_e, ends.push_ex, ends.side_esx, dimension, float(friction), turns_b, queue, len(free),
+        start, order, ends.other_e, ends.push_ex, ends.side_esx, dimension, float(friction), rotates, queue, len(free),
         waiting, rattling,
     )  # fmt: skip
     return rattling

@@ -251,7 +251,8 @@ def assemble(
         (s, d, d) strains, any displacement gradients; Mandel's unless given.
 
     """
-    basis = mandel_basis(dimension) if basis_edd is None else np.ascontiguousarray(basis_edd)
+    # arrays that may not be written to would be compiled for once more
+    basis = np.require(mandel_basis(dimension) if basis_edd is None else basis_edd, requirements=["C", "W"])
     particles, turns = turn_nkt.shape[:2]
     q, s = dimension + turns, len(basis)
     pair_i, pair_j, numbers = _pairs(elements, particles)
@@ -269,8 +270,7 @@ def assemble(
         if turns or one.rotations:
             local = _turned(one.i_c, one.j_c, _with_rotations(local, dimension, turn_nkt.shape[2]), turn_nkt, dimension)
         _scatter(
-            one.i_c,
-            one.j_c,
+            *(np.require(particle, requirements="W") for particle in (one.i_c, one.j_c)),
             pair_c,
             one.vector_cd,
             local,
