@@ -184,9 +184,9 @@ def _step(state: SoftNetwork) -> tuple[NDArray[np.float64], bool]:
         added = np.maximum(added, regularization * diagonal)
 
 
-def _unstable_directions(state: SoftNetwork) -> int:
-    """Return the number of unstable directions of all particles that can move, rattlers among them."""
-    negative = stability(Scene(state.packing, state.units.effects), state.largest_force()).negative
+def _unstable_directions(scene: Scene, largest_force: float) -> int:
+    """Return the number of unstable directions of all particles that can move, rattlers among them; 1 if unknown."""
+    negative = stability(scene, largest_force).negative
     return 1 if negative is None else negative
 
 
@@ -253,7 +253,7 @@ def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: 
         steps, regularized, found = steps + 1, regularized + changed, reached
         best = found if found.largest_imbalance < best.largest_imbalance else best
     if outcome in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
-        negative = stability(found.scene, found.largest_imbalance).negative or 0
+        negative = _unstable_directions(found.scene, found.largest_imbalance)
         outcome = Outcome.UNSTABLE if negative else outcome
     return Polished(
         found.scene.packing, outcome, found.residual, found.largest_imbalance, found.mean_force,
@@ -320,7 +320,7 @@ def polish(
                 outcome = Outcome.UNJAMMED
                 break
             if state.residual <= tolerance or largest <= floor:
-                negative = _unstable_directions(state)
+                negative = _unstable_directions(Scene(state.packing, effects), largest)
                 outcome = Outcome.CONVERGED if state.residual <= tolerance else Outcome.ROUNDING_FLOOR
                 outcome = Outcome.UNSTABLE if negative else outcome
                 break
@@ -337,7 +337,8 @@ def polish(
             least = best.largest_force()
             if reached is None or (reached.largest_force() > 0.5 * least and least <= _FLOORS * floor):
                 state = best
-                near_floor, negative = least <= _FLOORS * _floor(best), _unstable_directions(best)
+                near_floor = least <= _FLOORS * _floor(best)
+                negative = _unstable_directions(Scene(best.packing, effects), least)
                 outcome = Outcome.ROUNDING_FLOOR if near_floor else Outcome.STALLED
                 outcome = Outcome.UNSTABLE if near_floor and negative else outcome
                 break
