@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import operator
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -180,7 +181,21 @@ def one_of(name: str, value: Any, choices: Collection[Word]) -> Word:
         if isinstance(value, str) and value == choice:
             return choice
     listed = ", ".join(repr(choice) for choice in choices)
-    raise ValueError(f"{name} must be one of {listed}, got {brief(value)}")
+    raise ValueError(f"{name} must be one of {listed}, got {brief(value)}{did_you_mean(value, choices)}")
+
+
+def did_you_mean(value: Any, choices: Iterable[str]) -> str:
+    """Return the end of a message that names the choice nearest in spelling; empty where none is near.
+
+    Examples
+    --------
+    >>> did_you_mean("hertzian", ("harmonic", "hertz"))
+    "; did you mean 'hertz'?"
+
+    """
+    by_lower = {choice.lower(): choice for choice in choices}
+    near = difflib.get_close_matches(str(value).lower(), by_lower, 1)
+    return f"; did you mean {by_lower[near[0]]!r}?" if near else ""
 
 
 def instance(name: str, value: Any, kind: type, article: str = "a") -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, positive_array
+from packmech.display import shown
 from packmech.jit.compiled import kernel
 
 # images beyond this leave no digits of a position
@@ -131,6 +132,7 @@ def named_rows(
     return found
 
 
+@shown(lambda one: f"{len(one)} links")
 @dataclass(frozen=True, eq=False)
 class Links:
     """Links of a packing: |x_j - x_i + lattice @ image| = length. Each once, sorted by (i, j, image).

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import function, one_of
+from packmech.display import shown
 from packmech.packing import Packing
 
 Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
@@ -22,6 +23,7 @@ PLOTS = ("linear", "log10", "none")
 _AXES = "xyz"
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class State:
     """What an observable is measured of: a packing as it is at one step.
@@ -302,6 +304,7 @@ def columns_in(record: Any, names: Sequence[str]) -> dict[str, NDArray[Any]]:
     return found
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Table:
     """Columns of one length by name, with the unit of each.

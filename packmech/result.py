@@ -12,6 +12,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.display import as_html, as_text, shown
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
 
@@ -19,8 +20,6 @@ from packmech.packing import Packing
 Row = tuple[str, str, str]
 
 STAGE_HEADINGS = ("step", "residual", "force evaluations", "CPU s", "")
-# rows that the repr of a run shows
-_SHOWN = 11
 # units and meanings of what protocols report, d being the dimension
 _REPORT_NOTES = {
     "packing_fraction": "rattlers included",
@@ -240,6 +239,7 @@ class HasSummary(Protocol):
         """Return what was reached by name, as plain values."""
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Observables against step, kept at the steps that the caller asked for.
@@ -393,12 +393,21 @@ class Run:
         return Summary(self.title, tuple(self.rows()), self.stages or (whole,))
 
     def __repr__(self) -> str:
-        cost = f"{self.steps} steps, {self.force_evaluations} force evaluations, {self.seconds:.3g} CPU s"
-        rows = [("cost", cost, ""), *self.rows()]
-        rows = [rows[1], rows[0], *rows[2:]] if len(rows) > 1 else rows
-        lines = [f"  {line}" for line in _aligned(rows[:_SHOWN])]
-        more = ["  ..."] if len(rows) > _SHOWN else []
-        return "\n".join([f"{type(self).__name__}: {self.title}", *lines, *more])
+        return as_text(type(self).__name__, self._headline(), self._shown_rows(), "all of it: print(run.summary()); ")
+
+    def _repr_html_(self) -> str:
+        return as_html(type(self).__name__, self._headline(), self._shown_rows(), self)
+
+    def _headline(self) -> str:
+        """Return how the run ended and what it cost, in one line."""
+        ended = self.outcome.name.lower().replace("_", " ")
+        return f"{self.title}: {ended}, residual {self.residual:.1e}, {self.steps} steps, {self.seconds:.3g} CPU s"
+
+    def _shown_rows(self) -> list[Row]:
+        """Return the rows of `rows` that the headline does not say; what to change comes first where it failed."""
+        rows = [one for one in self.rows() if one[0] not in ("outcome", "force residual")]
+        failed = [] if self.ok else [("not a success", self.outcome.value, "")]
+        return [*failed, *rows]
 
     def about(self) -> dict[str, Any]:
         """Return what a table of this run says of it."""

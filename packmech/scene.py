@@ -242,6 +242,8 @@ class SimulateDrive:
         One row a particle: velocities, and one number (three in space) of spin; at rest unless given.
     held
         Numbers of the particles that nothing pushes or turns.
+    trace_every
+        Steps between the rows of observables that are kept; some 200 rows unless given.
 
     """
 
@@ -252,6 +254,7 @@ class SimulateDrive:
     velocities: tuple[tuple[float, ...], ...] | None = None
     spins: tuple[tuple[float, ...], ...] | None = None
     held: tuple[int, ...] = ()
+    trace_every: int | None = None
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -261,9 +264,15 @@ class SimulateDrive:
 @_built_in("packmech.protocols.drives:QUENCH")
 @dataclass(frozen=True)
 class QuenchDrive:
-    """Minimize the energy in the box as it is, to `force_tolerance` times the mean contact force.
+    """Minimize the energy in the box as it is.
 
-    `method` is what pm.quench takes, such as pm.ConjugateGradient(); None leaves the choice to it.
+    Parameters
+    ----------
+    force_tolerance
+        Stop when the largest net force falls to this times the mean contact force [1].
+    method
+        What pm.quench takes, such as pm.ConjugateGradient(); None leaves the choice to it.
+
     """
 
     force_tolerance: float = 1e-12
@@ -277,11 +286,19 @@ class QuenchDrive:
 @_built_in("packmech.protocols.drives:JAM")
 @dataclass(frozen=True)
 class JamDrive:
-    """Find the jamming point, then the packing at `pressure` [energy_scale / diameter^d].
+    """Find the jamming point, then the packing at a pressure.
 
-    `packmech run` and `packmech jam` do so; pm.jam takes the same as arguments, and reads no drive. `strain` says
-    whether the box keeps its shape ("isotropic") or every strain is free. `pressure` and `method` are what
-    pm.jam takes, such as pm.StepHalving(increment=1e-3); None leaves the choice to it.
+    `packmech run` and `packmech jam` do so; pm.jam takes the same as arguments, and reads no drive.
+
+    Parameters
+    ----------
+    pressure
+        To end at [energy_scale / diameter^d]; None leaves the choice to pm.jam.
+    strain
+        Whether the box keeps its shape ("isotropic"), or every strain is "free".
+    method
+        What pm.jam takes, such as pm.StepHalving(increment=1e-3); None leaves the choice to it.
+
     """
 
     pressure: float | None = None
@@ -304,9 +321,15 @@ class JamDrive:
 @_built_in("packmech.protocols.drives:SHEAR_STABILIZE")
 @dataclass(frozen=True)
 class ShearStabilizeDrive:
-    """Relax positions and every strain together, to `force_tolerance` times the mean contact force and the pressure.
+    """Relax positions and every strain together.
 
-    `pressure` [energy_scale / diameter^d] is what pm.shear_stabilize takes; None holds the volume.
+    Parameters
+    ----------
+    pressure
+        What the box is to bear [energy_scale / diameter^d]; None holds the volume.
+    force_tolerance
+        Largest net force over the mean contact force, and missing stress over the pressure, at the end [1].
+
     """
 
     pressure: float | None = None
@@ -320,9 +343,19 @@ class ShearStabilizeDrive:
 @_built_in("packmech.protocols.drives:CEMENT")
 @dataclass(frozen=True)
 class CementDrive:
-    """Jam at `pressure` with every strain free, then cement random contacts and follow the moduli.
+    """Jam with every strain free, then cement random contacts and follow the moduli.
 
-    `orders` random orders are drawn from `seed`; `step` and `freeze` are what pm.cement takes.
+    Parameters
+    ----------
+    pressure
+        Of the packing that is cemented [energy_scale / diameter^d].
+    orders
+        Number of random orders in which contacts are cemented.
+    seed
+        That these are drawn from.
+    step, freeze
+        What pm.cement takes.
+
     """
 
     pressure: float = 1e-8

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, integer_array, positive_array
+from packmech.display import shown
 
 # a director this near to unit length is one already, so that those of a file stay as they are
 _UNIT = 4.0 * float(np.finfo(float).eps)
@@ -188,6 +189,7 @@ class Discs:
         return Discs(len(np.arange(self.count)[kept_n]), self.dimension)
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Spheroids(_Turned):
     """Ellipses (d = 2) or spheroids (d = 3): one axis along a director, the others equal to each other.
@@ -383,6 +385,7 @@ class Spheroids(_Turned):
         return Spheroids(self.aspect_n[kept_n], self.director_nd[kept_n])
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Beads(_Turned):
     """Rigid bodies, each a union of discs or spheres that may overlap: dimers, n-mers, bent and asymmetric ones too.

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array
+from packmech.display import shown
 from packmech.links import named_pairs
 
 _FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2")
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class TangentialDisplacements:
     """Displacements of the tangential springs of a packing's contacts; each once, sorted by (i, j, image).

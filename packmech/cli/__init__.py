@@ -16,13 +16,22 @@ OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 EXPECTED = (ValueError, TypeError, OSError, ImportError, CycloptsError)
 
 ABOUT = "Mechanics of jammed packings: make them, ask whether they are jammed, how stiff they are, how they vibrate."
+NEXT = """
+Begin here:
+  packmech jam                                   jam 256 discs, say what the packing is, leave a recording
+  packmech jam --particles 500 --dimension 3 --law hertz
+  packmech new mine.toml --friction 0.3          a scene file with comments, to change by hand
+  packmech jam mine.toml --set drive.pressure=1e-4
+  packmech guide                                 what there is to read
+Help on a verb: packmech VERB --help"""
 # verb: what it does. Its function is packmech.cli.VERB.VERB
 VERBS = {
+    "new": "Write a scene file with comments, to change by hand.",
     "jam": "Jam a scene, say what the packing is, and leave a recording of it.",
     "run": "Do what a scene's own [drive] says, and report the result.",
     "analyze": "Examine a packing made elsewhere; nothing is moved.",
     "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
-    "scenes": "List the scenes that ship inside the package.",
+    "scenes": "List, show or copy the scenes that ship inside the package.",
     "effects": "Say which call honors which effect of a scene.",
     "ensemble": "Run a scene or a function over seeds and parameters, here or on a cluster; resumes what it finds.",
 }
@@ -52,7 +61,8 @@ def execute(words: Sequence[str]) -> int:
     made = app()
     if not words:
         made.help_print()
-        return BAD_INPUT
+        print(NEXT)
+        return OK
     code = made(_with_live_target(list(words)))
     return OK if code is None else int(code)
 
@@ -92,7 +102,8 @@ def main() -> None:
         not_converged = isinstance(error, RuntimeError) and hasattr(error, "run")
         if os.environ.get("PACKMECH_TRACEBACK") or not (not_converged or isinstance(error, EXPECTED)):
             raise
-        print("packmech:", " ".join(str(error).split()) or type(error).__name__, file=sys.stderr)
+        lines = [" ".join(line.split()) for line in str(error).splitlines()]
+        print("packmech:", "\n".join(lines) or type(error).__name__, file=sys.stderr)
         sys.exit(FAILED if not_converged else BAD_INPUT)
 
 

@@ -9,6 +9,7 @@ from typing import Annotated, cast
 from cyclopts import Parameter
 
 from packmech.check import BoxStrain
+from packmech.cli.changes import Changes
 from packmech.cli.output import SCENE, Files, Json, Load, Modes, Out, Seed, Switch, check_modes
 from packmech.cli.run import Pictures, Wanted, carry_out
 from packmech.files.modules import load_modules
@@ -21,6 +22,7 @@ def jam(
     /,
     *,
     load: Load = (),
+    changes: Changes = Changes(),  # noqa: B008
     pressure: float | None = None,
     strain: str | None = None,
     record: Path = Path("jam.rrd"),
@@ -46,7 +48,7 @@ def jam(
     """
     load_modules(load)
     files = Files(None if no_record else record, out, json)
-    read = read_scene(scene, seed=seed)
+    read = read_scene(scene, seed=seed, changes=changes.by_path())
     drive = read.drive if isinstance(read.drive, JamDrive) else JamDrive()
     drive = replace(
         drive,

@@ -15,6 +15,7 @@ from cyclopts import Parameter
 import packmech as pm
 from packmech.check import integer, one_of
 from packmech.cli import FAILED, INTERRUPTED, OK
+from packmech.cli.changes import Changes
 from packmech.cli.output import (
     SCENE,
     Files,
@@ -24,6 +25,7 @@ from packmech.cli.output import (
     Out,
     Record,
     Seed,
+    Switch,
     Watch,
     check_modes,
     show,
@@ -110,13 +112,16 @@ def run(
     /,
     *,
     load: Load = (),
+    changes: Changes = Changes(),  # noqa: B008
     record: Record = None,
+    no_record: Switch = False,
     out: Out = None,
     json: Json = None,
     modes: Modes = 10,
     seed: Seed = None,
     live: str | None = None,
     frames: int | None = None,
+    pictures: Path = Path("frames"),
     format: str = "png",
     checkpoint: Path | None = None,
 ) -> int:
@@ -126,8 +131,12 @@ def run(
     ----------
     live
         show the run as it goes on in the Rerun viewer, or at its address, or in a .rrd file
+    no_record
+        write no recording, as without --record
     frames
-        write so many evenly spaced pictures, and the packing, to the folder --out (default: frames)
+        write so many evenly spaced pictures to the folder --pictures
+    pictures
+        the folder of the pictures
     format
         of the pictures: png or svg
     checkpoint
@@ -136,13 +145,12 @@ def run(
 
     """
     load_modules(load)
-    folder = Path("frames") if out is None else out
-    pictures = Pictures(live, frames, format, folder)
-    files = Files(record, out if frames is None else folder / "packing.npz", json)
-    read = read_scene(scene, seed=seed)
+    shown = Pictures(live, frames, format, pictures)
+    files = Files(None if no_record else record, out, json)
+    read = read_scene(scene, seed=seed, changes=changes.by_path())
     if read.drive is None:
         raise ValueError(f"scene must have a [drive] to be run, got none in {scene!r}")
-    return carry_out(Wanted(scene, read, seed, files, pictures, check_modes(modes), checkpoint))
+    return carry_out(Wanted(scene, read, seed, files, shown, check_modes(modes), checkpoint))
 
 
 def carry_out(wanted: Wanted) -> int:

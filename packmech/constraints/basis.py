@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from packmech.check import BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains
 from packmech.constraints.jacobian import FORMS, LINK_STRAINS, link_rows, scale_of_strain
+from packmech.display import shown
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, strain_directions
@@ -98,6 +99,7 @@ class Block(NamedTuple):
     triangle_rl: NDArray[np.float64]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ConstraintBasis:
     """Orthonormal bases of a packing's constraints and of the motions they leave.

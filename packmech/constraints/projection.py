@@ -21,6 +21,7 @@ from packmech.constraints.basis import Block, ConstraintBasis, constraint_basis
 from packmech.constraints.factor import ConstraintFactor, Strains
 from packmech.constraints.jacobian import link_rows, scale_of_strain
 from packmech.constraints.redundancy import SINE, DegenerateLink, check_consistent, dependence, workable_links
+from packmech.display import shown
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, trace_vector
@@ -49,6 +50,7 @@ _AGREEMENT = 1e-9
 Parts = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ConstrainedForce:
     """A force without the part that the constraints take up.
@@ -240,6 +242,7 @@ def _by_basis(
     return left[:size].reshape(force_nd.shape), strain, multiplier, share
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ReaffixedLinks:
     """A packing whose links have their lengths again, and how it got there.

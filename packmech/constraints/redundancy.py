@@ -20,6 +20,7 @@ from packmech.check import BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, cluster_block, link_pairs
 from packmech.constraints.jacobian import LINK_STRAINS
 from packmech.contacts.elements import distance_rows
+from packmech.display import shown
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
@@ -56,6 +57,7 @@ class Dependence(NamedTuple):
     degenerate: tuple[DegenerateLink, ...]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class IndependentLinks:
     """A packing without its redundant links, and what was found about them.

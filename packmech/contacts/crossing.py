@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance
 from packmech.contacts.network import candidate_pairs
+from packmech.display import shown
 from packmech.honors import ANY_LENGTH, honors
 from packmech.links import Links
 from packmech.packing import Packing
@@ -19,6 +20,7 @@ from packmech.packing import Packing
 _SLACK = 1e-9
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Crossings:
     """Pairs of links that cross, each once, sorted by (first, second, image).

@@ -12,6 +12,7 @@ from packmech.box import Box
 from packmech.check import instance, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.contacts.excluded import Excluded
+from packmech.display import shown
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
@@ -100,6 +101,7 @@ def candidate_pairs(
     return Candidates(i_c, j_c, np.ascontiguousarray(image_cd))
 
 
+@shown(lambda one: f"{len(one)} contacts of {one.particles} particles")
 @dataclass(frozen=True, eq=False)
 class Contacts:
     """Touching pairs as a multigraph, each physical pair once, sorted by (i, j, image).

@@ -26,6 +26,7 @@ from packmech.contacts.network import (
     overlapping_or_all,
 )
 from packmech.contacts.scaled_contact import scaled_contacts
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.packing import Packing
 from packmech.shapes import Shapes, Spheroids
@@ -34,6 +35,7 @@ from packmech.shapes import Shapes, Spheroids
 _SMALL = 1e-5
 
 
+@shown(lambda one: f"{len(one)} contacts of {one.particles} particles")
 @dataclass(frozen=True, eq=False)
 class ShapeContacts:
     """Pairs of particles with shapes, or of their beads, each physical pair once, sorted by (i, j) and their sites.

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from packmech.check import integer, positive, real
+from packmech.display import shown
 from packmech.effects import BackgroundDamping, ContactDamping, DivergentRepulsion, Friction, Repulsion
 
 # density in kg/m^3 to kg per m of depth and um^2
@@ -38,6 +39,7 @@ def contact_stiffness(young_modulus: float, *, poisson_ratio: float = 0.0) -> fl
     return math.pi / 8.0 * positive("young_modulus", young_modulus) / (1.0 - ratio * ratio)
 
 
+@shown()
 @dataclass(frozen=True, kw_only=True)
 class MaterialConstants:
     """Constants of a plane model of a material; `material_constants` makes them.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, positive
+from packmech.display import shown
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.energy_drift import (
     Moment,
@@ -71,6 +72,7 @@ from packmech.scene import Scene
 KIND = "pm.simulate"
 
 
+@shown()
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionTrace(Trace):
     """A trace against time, kept at the steps that the caller asked for.

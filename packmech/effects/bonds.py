@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from packmech.check import finite_array, instance, integer_array, one_of, positive_array, real
 from packmech.contacts import Contacts, find_contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
+from packmech.display import shown
 from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 from packmech.honors import honors
@@ -21,6 +22,7 @@ from packmech.packing import Packing, images_between
 T = TypeVar("T", bound=Contacts | ShapeContacts)
 
 
+@shown(lambda one: f"{len(one)} bonds")
 @bound_effect
 @dataclass(frozen=True, eq=False)
 class Bonds:

@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array
+from packmech.display import shown
 from packmech.effects.pair import bound_effect
 
 
+@shown()
 @bound_effect
 @dataclass(frozen=True)
 class FixedParticles:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from packmech.check import brief, instance, integer
+from packmech.files.records import split_values, value_of_text
 
 Grid = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
@@ -163,7 +164,7 @@ def values_in(text: str, name: str = "grid") -> list[Any]:
     """Return the values that a text of the command line names.
 
     ``0:10`` are whole numbers, the last left out; ``0.01:1:20:log`` and ``0:1:11:linear`` so many numbers with both
-    ends; anything else is a list with commas.
+    ends; anything else is a list with commas. Lists, tables and texts with colons are written as in TOML.
 
     Raises
     ------
@@ -176,7 +177,8 @@ def values_in(text: str, name: str = "grid") -> list[Any]:
     ([0, 1, 2], [1.0, 10.0, 100.0], [0.0, 0.5, 1.0], ['bulk', 0.5, 3])
 
     """
-    parts = text.split(":")
+    written = any(letter in text for letter in "\"'[{")
+    parts = [text] if written else text.split(":")
     try:
         if len(parts) == 2:
             first, end = map(int, parts)
@@ -188,23 +190,13 @@ def values_in(text: str, name: str = "grid") -> list[Any]:
             spaced = np.geomspace if parts[3] == "log" else np.linspace
             return [float(f"{one:.12g}") for one in spaced(low, high, count)]
         if len(parts) == 1 and text:
-            return [_word(one.strip()) for one in text.split(",")]
+            return [value_of_text(one) for one in split_values(text)]
         raise ValueError("it is none of these")
     except ValueError as error:
         raise ValueError(
             f"{name} must be FIRST:END, LOW:HIGH:COUNT:log, LOW:HIGH:COUNT:linear or values with commas, got {text!r} "
             f"({error})"
         ) from error
-
-
-def _word(text: str) -> Any:
-    """Return a word of the command line as the number, truth value or text that it is."""
-    for kind in (int, float):
-        try:
-            return kind(text)
-        except ValueError:
-            continue
-    return {"true": True, "false": False}.get(text, text)
 
 
 def part_of(members: Sequence[Member], part: str | None) -> list[Member]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import brief, function, instance, integer, one_of, positive, real, two_axes
+from packmech.display import shown
 from packmech.effects import Bonds, Friction, bonds_of, friction_of
 from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
@@ -37,6 +38,7 @@ CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
 TrialProgress = Callable[[str, float | None, int, float], None]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ShearTrial:
     """One trial: moduli, and the stress against time.
@@ -108,6 +110,7 @@ def controlled(scene: Scene, control: str, friction: float | None) -> Scene:
     return scene if left_out is None else scene.without(left_out)
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ShearCurve:
     """Means over repeats against the amplitude; errors are those of the means.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import bin_edges, finite_array, instance, integer, listed, one_of, positive, positive_array, real
+from packmech.display import shown
 from packmech.ensemble.table import Ensemble
 from packmech.linalg.line import Line, fit_line
 
@@ -68,6 +69,7 @@ def bootstrap(
     return float(of(value)), float(drawn.std(ddof=1) * math.sqrt(len(value) / (len(value) - 1.0)))
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class GroupStatistics:
     """A statistic of a result over groups of members with equal parameters.

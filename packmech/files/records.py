@@ -10,17 +10,60 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import re
+import tomllib
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
+from packmech.check import did_you_mean
 from packmech.jit.source_key import written_name
 
 Maker = Callable[..., Any]
 Kinds = Mapping[str, Maker]
 
 _WORD = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|_+")
+
+
+class TableError(ValueError):
+    """Several errors of one table, one in each line; `found` holds them."""
+
+    def __init__(self, found: list[Exception]) -> None:
+        super().__init__("\n".join(f"- {one}" for one in found))
+        self.found = found
+
+
+class Errors:
+    """The errors of a table, kept so that all of them are said at once."""
+
+    def __init__(self) -> None:
+        self.found: list[Exception] = []
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep the error that reading one part ends with."""
+        try:
+            yield
+        except TableError as several:
+            self.found += several.found
+        except (TypeError, ValueError, OSError) as error:
+            self.found.append(error)
+
+    def check(self) -> None:
+        """Raise the error that was kept, or all of them as one."""
+        if len(self.found) == 1:
+            raise self.found[0]
+        if self.found:
+            raise TableError(self.found)
+
+
+class OpenKinds(dict[str, Maker]):
+    """Kinds to which users add their own by a function of this name."""
+
+    def __init__(self, kinds: Kinds, register: str) -> None:
+        super().__init__(kinds)
+        self.register = register
 
 
 def kind_of(maker: Maker) -> str:
@@ -99,26 +142,38 @@ def read_fields(
         raise TypeError(f"{where} must be a table with a kind, got {table!r}")
     kind = table.get("kind")
     if not isinstance(kind, str) or kind not in kinds:
-        got = repr(kind) if "kind" in table else "nothing"
-        raise ValueError(f"{where}.kind must be one of {', '.join(map(repr, sorted(kinds)))}, got {got}")
+        raise ValueError(f"{where}.kind must be one of {_listed(kinds, kind, 'kind' in table)}")
     maker = kinds[kind]
     fields = {name: one for name, one in inspect.signature(maker).parameters.items() if name not in given}
     hints = _hints(maker)
     values: dict[str, Any] = {}
+    errors = Errors()
     for name, value in table.items():
         path = f"{where}.{name}"
         if name == "kind":
             continue
-        if name not in fields:
-            raise ValueError(f"{path} must be a field of {kind_of(maker)} ({', '.join(fields)}), got an unknown one")
-        if nested and name in nested:
-            values[name] = from_table(value, path, nested[name], nested)
-        else:
-            values[name] = _value(path, value, hints.get(name, Any))
+        with errors.kept():
+            if name not in fields:
+                known, near = ", ".join(fields), did_you_mean(name, fields)
+                raise ValueError(f"{path} must be a field of {kind_of(maker)} ({known}), got an unknown one{near}")
+            if nested and name in nested:
+                values[name] = from_table(value, path, nested[name], nested)
+            else:
+                values[name] = _value(path, value, hints.get(name, Any))
     for name, field in fields.items():
-        if name not in values and field.default is inspect.Parameter.empty:
-            raise ValueError(f"{where}.{name} must be given, got nothing")
+        if name not in table and field.default is inspect.Parameter.empty:
+            errors.found.append(ValueError(f"{where}.{name} must be given, got nothing"))
+    errors.check()
     return maker, values
+
+
+def _listed(kinds: Kinds, kind: Any, given: bool) -> str:
+    """Return the kinds there are and what was given, for a message."""
+    words = f"{', '.join(map(repr, sorted(kinds)))}, got {repr(kind) if given else 'nothing'}"
+    words += did_you_mean(kind, kinds) if given else ""
+    if given and isinstance(kinds, OpenKinds):
+        words += f" (one of your own: register it with {kinds.register}, and load its file with --load FILE.py)"
+    return words
 
 
 def make(maker: Maker, values: Mapping[str, Any], where: str, renamed: Mapping[str, str] | None = None) -> Any:
@@ -160,3 +215,48 @@ def _value(path: str, value: Any, hint: Any) -> Any:
             return value
     words = " or ".join(_WORDS.get(option, "a list") for option in options)
     raise TypeError(f"{path} must be {words}, got {value!r}")
+
+
+def value_of_text(text: str) -> Any:
+    """Return what a text of the command line stands for: a number, or what TOML reads, or else the text itself.
+
+    Examples
+    --------
+    >>> value_of_text("1e-4"), value_of_text("hertz"), value_of_text("[1, 2]"), value_of_text('{ kind = "normal" }')
+    (0.0001, 'hertz', [1, 2], {'kind': 'normal'})
+
+    """
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    try:
+        read = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    return read["value"] if len(read) == 1 else text
+
+
+def split_values(text: str) -> list[str]:
+    """Return the values of a list with commas; commas in brackets and quotes part nothing.
+
+    Examples
+    --------
+    >>> split_values('1,[2, 3],{ kind = "uniform", width = 0.2 },"a,b"')
+    ['1', '[2, 3]', '{ kind = "uniform", width = 0.2 }', '"a,b"']
+
+    """
+    found, depth, quote = [""], 0, ""
+    for letter in text:
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        else:
+            depth += (letter in "[{(") - (letter in "]})")
+        if letter == "," and not depth and not quote:
+            found.append("")
+        else:
+            found[-1] += letter
+    return [one.strip() for one in found]

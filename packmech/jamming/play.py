@@ -18,6 +18,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.pairs import pair_names
+from packmech.display import shown
 from packmech.effects import Repulsion
 from packmech.honors import honors
 from packmech.jamming.contact_selection import ContactSelection, select_contacts
@@ -267,6 +268,7 @@ _HALVINGS, _ROOTS = 8, 10.0
 _STEP_FACTOR = 40
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class PlayedMotion:
     """Packings along a motion, from the packing that it was given for to where it ended.

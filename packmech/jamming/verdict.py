@@ -13,6 +13,7 @@ from packmech.check import BoxStrain
 from packmech.constraints.motion_rules import follow_links
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts
+from packmech.display import shown
 from packmech.jamming.contact_selection import ContactSelection, RestCheck
 from packmech.jamming.motion_cone import MotionCone
 from packmech.linalg.mandel import mandel_tensor, strain_components
@@ -95,6 +96,7 @@ class JammingAnswer:
         return f"{self.verdict} ({self.reason.partition(':')[0].partition(';')[0]})"
 
 
+@shown(lambda one: f"locally {one.local}, collectively {one.collective}, strictly {one.strict}")
 @dataclass(frozen=True, eq=False)
 class Verdict:
     """Whether a packing is locally, collectively and strictly jammed, after Torquato and Stillinger (2001).

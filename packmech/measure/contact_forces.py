@@ -15,6 +15,7 @@ from packmech.contacts import Contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
 from packmech.contacts.rattlers import rough_ends_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.display import shown
 from packmech.effects import (
     Interactions,
     ShapedTerms,
@@ -40,6 +41,7 @@ from packmech.scene import Scene
 _BEARING = 1e-6
 
 
+@shown(lambda one: f"{len(one.normal_c)} contacts, mean force {one.mean_force:.6g}, residual {one.residual:.1e}")
 @dataclass(frozen=True, eq=False)
 class ContactForces:
     """Normal and tangential forces of all touching pairs, and what they add up to.

@@ -27,6 +27,7 @@ from packmech.contacts.elements import distance_rows, end_slopes
 from packmech.contacts.given import check_given, contacts_of
 from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, turns_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.display import shown
 from packmech.effects import (
     Walls,
     find_interactions,
@@ -223,6 +224,7 @@ def _shown(
     return shown
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Rattling:
     """Which particles rattle, by the motions that contacts and links leave them.

@@ -17,6 +17,7 @@ from scipy.special import j1, spherical_jn
 
 from packmech.box import Box
 from packmech.check import finite_array, instance, integer_array, positive
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
 from packmech.measure.structure import species_of
@@ -435,6 +436,7 @@ class ShellAverage:
         )
 
 
+@shown()
 @dataclass(frozen=True)
 class SpectrumFit:
     """How a structure factor or spectral density falls towards small wave numbers, in a window.

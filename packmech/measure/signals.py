@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, integer, one_of, positive, real
+from packmech.display import shown
 
 ERRORS = ("standard", "bootstrap")
 
@@ -102,6 +103,7 @@ _TERMS = 6
 _DEPENDENT = 1e-6
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Demodulation:
     """Moduli of a stress a sin(phase) + b cos(phase) + third harmonics + offset + slope * phase, fitted together.

@@ -27,6 +27,7 @@ from packmech.contacts.elements import Elements, elements_of
 from packmech.contacts.fused_volume import second_moments
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.contacts.tangential_elements import tangential_elements
+from packmech.display import shown
 from packmech.effects import (
     BackgroundDamping,
     acting_friction,
@@ -56,6 +57,7 @@ MODES = ("shear", "uniaxial", "isotropic")
 _REST = 1e-6
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ComplexModulus:
     """The linear answer of a scene to a sine of strain at several frequencies.

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
+from packmech.display import shown
 from packmech.effects import Friction, acting_friction, bonds_of
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -84,6 +85,7 @@ class Average:
         return (d * bulk - 2.0 * shear) / below if below else float("nan")
 
 
+@shown(lambda one: f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}")
 @dataclass(frozen=True, eq=False)
 class Moduli:
     """Linear elastic response of a packing, particles relaxed, contact forces included unless left out by name.

@@ -25,6 +25,7 @@ from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import pair_rows
 from packmech.contacts.tangential_elements import tangential_elements
+from packmech.display import shown
 from packmech.effects import ContactTerms, acting_friction
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
@@ -221,6 +222,7 @@ def stiffness_matrix(
     return sp.csr_array(sp.block_array([[matrix, side], [below, corner]], format="csr"))
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class FrictionalModes:
     """Modes of a frictional packing, its particles turning too, in order of the eigenvalues' real parts.

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import KINDS, BoxStrain, Kind, bin_edges, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.jacobian import scale_of_strain
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
@@ -39,6 +40,7 @@ _WINDOW = 1.25
 _BASIS_BYTES = 3e9
 
 
+@shown(lambda one: f"{len(one.eigenvalue_m)} modes")
 @dataclass(frozen=True, eq=False)
 class Modes:
     """Normal modes in order of their eigenvalues, uniform translations left out.
@@ -422,6 +424,7 @@ def _missed(operator: Operator, value: NDArray[np.float64], largest: float, tran
     return operator.below(bound) - listed
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class StateDensity:
     """Density of vibrational states over angular frequency.

@@ -22,6 +22,7 @@ from packmech.contacts import Contacts
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.given import contacts_of
 from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
@@ -38,6 +39,7 @@ _DENSE_ENTRIES = 40_000
 _SWEEPS = 12
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class SelfStress:
     """States of self stress: contact forces in balance without load.
@@ -87,6 +89,7 @@ class SelfStress:
         return self.motions - self.trivial + 1
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class FloppyModes:
     """Floppy modes: motions, and strains if admitted, that change no contact distance to first order.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from packmech.check import Kind, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
@@ -424,6 +425,7 @@ class HeldCompliance:
 KINDS: tuple[Kind, ...] = ("unstressed", "exact")
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Cementing:
     """Moduli of a packing while its contacts are cemented one after another, at steps k.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import function
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.loop.run_loop import Progress
 from packmech.measure.signals import softening_strain, yield_strain
@@ -19,6 +20,7 @@ from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class AmplitudeSweep(SeveralRuns):
     """Moduli against the amplitude of the strain; errors are those over periods.

@@ -76,7 +76,7 @@ def follow(
         "velocity_nd": None if drive.velocities is None else np.array(drive.velocities),
         "spin_nk": None if drive.spins is None else np.array(drive.spins),
         "held_n": held,
-        "trace_every": max(1, steps // (frames or _ROWS)),
+        "trace_every": max(1, steps // (frames or _ROWS)) if drive.trace_every is None else drive.trace_every,
         "trace_positions": frames > 0,
         "progress": progress,
         "check": False,

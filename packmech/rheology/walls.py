@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, positive
+from packmech.display import shown
 from packmech.dynamics.deformation import gamma_at
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import PairForces, pair_forces
@@ -96,6 +97,7 @@ LARGEST_DIFFERENCE = 0.3
 _LOW, _HIGH, _BETWEEN, _COLUMNS = 0, 1, 2, 3
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class WallModuli:
     """G' and G'' from the force on walls, and from the stress of what is between them.

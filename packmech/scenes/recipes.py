@@ -135,7 +135,7 @@ def _add_generator(kind: str, generator: Callable[..., Packing], **defaults: Any
             one = one.replace(default=defaults.get(name, inspect.Parameter.empty))
         if name != "rng":
             parameters.append(one.replace(kind=inspect.Parameter.KEYWORD_ONLY))
-    recipe.__qualname__ = kind
+    recipe.__qualname__, recipe.__doc__ = kind, generator.__doc__
     recipe.__annotations__ = {one.name: hints.get(one.name, one.annotation) for one in parameters}
     recipe.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     packing_kind(recipe)

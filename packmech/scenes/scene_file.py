@@ -60,11 +60,21 @@ from typing import Any
 
 import tomli_w
 
-from packmech.check import instance, integer
+from packmech.check import did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
 from packmech.effects import Bonds, law_of, registered_effects, registered_laws
 from packmech.files.packings import PathLike, replacing, target_file
-from packmech.files.records import from_table, kind_of, kinds_of, make, read_fields, to_table
+from packmech.files.records import (
+    Errors,
+    OpenKinds,
+    TableError,
+    from_table,
+    kind_of,
+    kinds_of,
+    make,
+    read_fields,
+    to_table,
+)
 from packmech.scene import Scene, drive_code, drive_kind, registered_drives
 from packmech.scenes.recipes import (
     FIELD_OF,
@@ -100,6 +110,18 @@ def _shipped() -> Any:
     return resources.files("packmech") / "scenes"
 
 
+def shipped_scene_text(name: str) -> str:
+    """Return the text of the file of a scene that ships inside the package.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+
+    """
+    return str((_shipped() / f"{one_of('name', name, list_scenes())}.toml").read_text(encoding="utf-8"))
+
+
 def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str, Any] | None = None) -> Scene:
     """Return the scene in a TOML file, or the shipped scene of that name.
 
@@ -111,7 +133,8 @@ def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str,
         Another seed than the file's, for a scene whose packing is random.
     changes
         Other values than the file's by their path, as in ``{"packing.particles": 64}``. An effect is named by its kind,
-        or by its place in the list: ``"effects.friction.coefficient"``, ``"effects.0.law.energy_scale"``.
+        or by its place in the list: ``"effects.friction.coefficient"``, ``"effects.0.law.energy_scale"``. One that the
+        scene does not have is added to it.
 
     Raises
     ------
@@ -147,8 +170,10 @@ def read_scene_tables(path: PathLike) -> tuple[dict[str, Any], Path]:
     if isinstance(path, str) and not Path(name).suffix and Path(name).name == name:
         entry = _shipped() / f"{name}.toml"
         if not entry.is_file():
+            shipped = list_scenes()
             raise FileNotFoundError(
-                f"path must name a file or a shipped scene ({', '.join(list_scenes())}), got {name!r}"
+                f"path must name a file or a shipped scene ({', '.join(shipped)}), got {name!r}"
+                f"{did_you_mean(name, shipped)}"
             )
         data, folder = entry.read_bytes(), Path(".")
     else:
@@ -180,14 +205,24 @@ def scene_of_tables(
 
     """
     with _named(name):
-        own = copy.deepcopy(dict(tables))
-        if changes is not None:
-            check_table("changes", changes)
-        for path, value in (changes or {}).items():
+        return _scene(changed_tables(tables, seed=seed, changes=changes), folder)
+
+
+def changed_tables(
+    tables: Mapping[str, Any], *, seed: int | None = None, changes: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """Return the tables of a scene file with another seed and other values, as `read_scene` takes them."""
+    own = copy.deepcopy(dict(tables))
+    if changes is not None:
+        check_table("changes", changes)
+    errors = Errors()
+    for path, value in (changes or {}).items():
+        with errors.kept():
             _change(own, path, value)
-        if seed is not None:
-            _reseed(own, integer("seed", seed, at_least=0))
-        return _scene(own, folder)
+    errors.check()
+    if seed is not None:
+        _reseed(own, integer("seed", seed, at_least=0))
+    return own
 
 
 @contextmanager
@@ -195,6 +230,9 @@ def _named(name: str) -> Iterator[None]:
     """Say in errors which file they are about."""
     try:
         yield
+    except TableError as several:
+        kind = TypeError if all(isinstance(one, TypeError) for one in several.found) else ValueError
+        raise kind(f"{len(several.found)} errors in scene file {name!r}:\n{several}") from several
     except (TypeError, ValueError, OSError) as error:
         kind = TypeError if isinstance(error, TypeError) else ValueError
         said = f"path must name a TOML file: {error}" if isinstance(error, _NOT_TOML) else str(error)
@@ -207,10 +245,14 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
     place: Any = tables
     for k, part in enumerate(before):
         entry = _entry(place, part)
+        if entry is None and before[:k] == ["effects"] and part in kinds_of(registered_effects()):
+            place.append({"kind": part})
+            entry = len(place) - 1
         if entry is None:
             known = list(place) if isinstance(place, dict) else [one.get("kind") for one in place]
             where = ".".join(before[:k]) or "the scene"
-            raise ValueError(f"{path} must lie in what the scene has, got no {part!r} in {where} ({known})")
+            near = did_you_mean(part, [str(one) for one in known])
+            raise ValueError(f"{path} must lie in what the scene has, got no {part!r} in {where} ({known}){near}")
         if isinstance(place[entry], str):
             # the name of a kind stands for a table with its defaults
             place[entry] = {"kind": place[entry]}
@@ -250,38 +292,54 @@ _NOT_TOML = (tomllib.TOMLDecodeError, UnicodeDecodeError)
 
 
 def _scene(tables: dict[str, Any], folder: Path) -> Scene:
+    errors = Errors()
     for name in tables:
         if name not in _TOP:
-            raise ValueError(f"{name} must be a field of a scene ({', '.join(_TOP)}), got an unknown one")
+            near = did_you_mean(name, _TOP)
+            errors.found.append(
+                ValueError(f"{name} must be a field of a scene ({', '.join(_TOP)}), got an unknown one{near}")
+            )
     if not isinstance(tables.get("description", ""), str):
-        raise TypeError(f"description must be a string, got {tables['description']!r}")
-    if "packing" not in tables:
-        raise ValueError("packing must be given, got nothing")
+        errors.found.append(TypeError(f"description must be a string, got {tables['description']!r}"))
     entries = tables.get("effects")
     if not isinstance(entries, list) or not entries:
-        raise TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}")
-    laws, acting = kinds_of(registered_laws()), kinds_of(registered_effects()) | {kind_of(bonds): bonds}
+        errors.found.append(TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}"))
+        entries = []
+    laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
+    acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
-    read = [read_fields(table, f"effects[{k}]", acting, nested, given=("packing",)) for k, table in enumerate(entries)]
-    effects = [
-        None if maker is bonds else make(maker, values, f"effects[{k}]") for k, (maker, values) in enumerate(read)
-    ]
-    drive = _drive(tables["drive"]) if "drive" in tables else None
-    recipe, fields = read_fields(tables["packing"], "packing", PACKINGS, NESTED | nested, given=("folder",))
+    # each effect beside its place; bonds are made once the packing is there
+    effects: list[Any] = []
+    bonded: dict[int, dict[str, Any]] = {}
+    for k, table in enumerate(entries):
+        with errors.kept():
+            maker, values = read_fields(table, f"effects[{k}]", acting, nested, given=("packing",))
+            if maker is bonds:
+                bonded[len(effects)] = values
+            effects.append(None if maker is bonds else make(maker, values, f"effects[{k}]"))
+    drive = None
+    with errors.kept():
+        drive = _drive(tables["drive"]) if "drive" in tables else None
+    with errors.kept():
+        if "packing" not in tables:
+            raise ValueError("packing must be given, got nothing")
+        recipe, fields = read_fields(
+            tables["packing"], "packing", OpenKinds(PACKINGS, "pm.packing_kind"), NESTED | nested, given=("folder",)
+        )
+    errors.check()
     known = inspect.signature(recipe).parameters
     if "folder" in known:
         fields["folder"] = folder
     if "law" in known and "law" not in fields:
         fields["law"] = law_of(tuple(effects))
     packing = make(recipe, fields, "packing", FIELD_OF)
-    for k, (maker, values) in enumerate(read):
-        if maker is bonds:
-            effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
+    for k, values in bonded.items():
+        effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
     return Scene(packing, tuple(effects), drive)
 
 
 def _drive(table: Any) -> Any:
-    kinds = registered_drives()
+    kinds = OpenKinds(registered_drives(), "pm.drive")
     cls = kinds.get(table.get("kind", "")) if isinstance(table, dict) else None
     # what may stand there, the code of the drive knows; where no method is named it need not be imported
     nested = {}

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.check import function, integer, positive
+from packmech.display import shown
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
@@ -33,6 +34,7 @@ class OrderFit:
     order_error: float = math.nan
 
 
+@shown()
 @dataclass(frozen=True)
 class WorkPrecision:
     """Trials of every method at every setting, failures included, and the questions that they answer."""

@@ -125,7 +125,7 @@ def test_a_checkpoint_is_refused_where_nothing_is_strained(folder):
 
 @pytest.mark.parametrize(("name", "stems"), [("flow", ["-rate-0.1", "-rate-0.2"]), ("squeeze", [""])])
 def test_recordings_pictures_and_live_streams_are_written_of_every_strained_run(name, stems, folder, capsys):
-    words = ("--record", "run.rrd", "--live", "live.rrd", "--frames", "3", "--format", "svg", "--out", "pictures")
+    words = ("--record", "run.rrd", "--live", "live.rrd", "--frames", "3", "--format", "svg", "--pictures", "pictures")
     assert run(f"{name}.toml", *words) == 0
     for stem in stems:
         assert (folder / f"run{stem}.rrd").stat().st_size > 10_000

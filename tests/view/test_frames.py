@@ -132,14 +132,27 @@ def test_bad_arguments_are_named(tmp_path, given, error, message):
 
 def test_the_command_writes_pictures_the_packing_and_what_was_seen_live(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ["run", "quench", "--frames", "3", "--format", "svg", "--out", "pictures", "--live", "live.rrd"]
+    words = [
+        "run",
+        "quench",
+        "--frames",
+        "3",
+        "--format",
+        "svg",
+        "--pictures",
+        "pictures",
+        "--live",
+        "live.rrd",
+        "--out",
+        "end.npz",
+    ]
     assert execute([*words, "--modes", "0"]) == 0
     assert sorted(path.name for path in (tmp_path / "pictures").iterdir()) == [
         "frame-0000.svg",
         "frame-0001.svg",
         "frame-0002.svg",
-        "packing.npz",
     ]
+    assert pm.read_packing(tmp_path / "end.npz").particles > 0
     assert "pictures: 3 in pictures" in capsys.readouterr().out
     assert (tmp_path / "live.rrd").stat().st_size > 1000
 

@@ -17,6 +17,7 @@ from packmech.contacts.network import find_contacts, pair_contacts
 from packmech.contacts.overlaps import overlap_of_hard
 from packmech.contacts.pairs import are_among
 from packmech.contacts.rattlers import rattlers_of
+from packmech.display import shown
 from packmech.effects import Harmonic, Repulsion
 from packmech.honors import honors
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, search_hard, start_state
@@ -55,6 +56,7 @@ _SAME = 1e-6
 _COLUMNS = ("strain", "packing_fraction", "stress_ratio", "family", "contacts", "rattlers", "gap_error", "imbalance")
 
 
+@shown()
 @dataclass(frozen=True)
 class FamilyChange:
     """A change of the contact network at a shear strain.

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.shape_contacts import touching_pairs
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
@@ -37,6 +38,7 @@ _FALL = 1e-12
 _PROGRESS = 1e-9
 
 
+@shown()
 @dataclass(frozen=True)
 class ContactChange:
     """The strain at which a contact of a sheared packing opens or closes.
@@ -78,6 +80,7 @@ class ContactChange:
     falls: bool = False
 
 
+@shown()
 @dataclass(frozen=True)
 class Avalanche:
     """A fall to another equilibrium at a strain where the packing becomes unstable.

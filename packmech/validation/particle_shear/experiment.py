@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech import check
+from packmech.display import shown
 from packmech.observables import Table, make_table
 from packmech.validation.particle_shear.material import (
     Material,
@@ -164,6 +165,7 @@ def _fit(phase: NDArray[np.float64], stress: NDArray[np.float64]) -> tuple[float
     return float(found[0]), float(found[1])
 
 
+@shown()
 @dataclasses.dataclass(frozen=True)
 class ParticleShear:
     """Parameters of one oscillatory shear experiment, run step by step as the package particleShear 1.0.2 runs it.
@@ -439,6 +441,7 @@ class ParticleShear:
         return ParticleShearRun(self, start, tuple(kept), Steps(state, last=parts[-1].last, **joined))
 
 
+@shown()
 @dataclasses.dataclass(frozen=True, eq=False)
 class ParticleShearRun:
     """What an experiment of `ParticleShear` gave.

@@ -1,0 +1,54 @@
+"""`packmech new`: write a scene file with comments, to change by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from packmech.cli.changes import Changes
+from packmech.cli.output import Load, Seed, show
+from packmech.files.modules import load_modules
+from packmech.files.packings import replacing, target_file
+from packmech.scenes.reference import commented_scene
+from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_of_tables
+
+
+def new(
+    file: Annotated[Path, Parameter(help="the scene file to write, such as my.toml")],
+    /,
+    *,
+    like: Annotated[str, Parameter(help="the scene to begin with: a file or one that ships")] = "default",
+    changes: Changes = Changes(),  # noqa: B008
+    seed: Seed = None,
+    description: str | None = None,
+    overwrite: Annotated[bool, Parameter(show_default=False)] = False,
+    load: Load = (),
+) -> None:
+    """Write a scene file in which comments say what each field means.
+
+    Parameters
+    ----------
+    description
+        one sentence on the scene
+    overwrite
+        replace a file that exists
+
+    """
+    load_modules(load)
+    if file.suffix != ".toml":
+        raise ValueError(f"file must end in .toml, got {str(file)!r}")
+    if file.exists() and not overwrite:
+        raise ValueError(f"file must not exist (or give --overwrite), got {str(file)!r}")
+    tables, folder = read_scene_tables(like)
+    by_path = changes.by_path()
+    tables = changed_tables(tables, seed=seed, changes=by_path)
+    tables.pop("description", None)
+    if description is not None or not by_path and seed is None:
+        tables["description"] = description or read_scene_tables(like)[0].get("description", "")
+    scene_of_tables(tables, folder, name=str(file))
+    with replacing(target_file(file)) as partial:
+        partial.write_text(commented_scene(tables), encoding="utf-8")
+    verb = "jam" if tables.get("drive", {}).get("kind", "jam") == "jam" else "run"
+    show(f"wrote {file}   (next: packmech {verb} {file})")

@@ -1,0 +1,146 @@
+"""How results are shown: a few lines at a prompt, a table in a notebook; never a whole array."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import importlib
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from packmech.docstrings import first_sentence, meanings_of, unit_in
+
+C = TypeVar("C", bound=type)
+
+# lines of a repr, and letters of one line
+LINES, LETTERS = 12, 110
+# arrays of no more numbers are written out
+_FEW = 6
+# name, value in words, unit or meaning
+Row = tuple[str, str, str]
+
+# small pictures of what can be seen; drawn in a room above, found by its name when a notebook asks
+_PICTURE = "packmech.view.plot:picture_of"
+
+
+def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:
+    """Return a decorator of a record's class: its fields are shown in a few lines, and as a table in notebooks.
+
+    Parameters
+    ----------
+    headline
+        What the first line says of a record besides its class; its length where it has one unless given.
+
+    """
+
+    def decorated(cls: C) -> C:
+        def text(self: Any) -> str:
+            return as_text(type(self).__name__, _headline(self, headline), field_rows(self))
+
+        def page(self: Any) -> str:
+            return as_html(type(self).__name__, _headline(self, headline), field_rows(self, long=True), self)
+
+        cls.__repr__ = text  # type: ignore[assignment, method-assign]
+        cls._repr_html_ = page  # type: ignore[attr-defined]
+        return cls
+
+    return decorated
+
+
+def _headline(record: Any, headline: Callable[[Any], str] | None) -> str:
+    if headline is not None:
+        return headline(record)
+    return str(len(record)) if hasattr(record, "__len__") and not isinstance(record, tuple) else ""
+
+
+def field_rows(record: Any, *, long: bool = False) -> list[Row]:
+    """Return name, value in words and unit (or, if `long`, meaning) of the fields of a record that are not None."""
+    meanings = meanings_of(type(record))
+    names = (
+        record._fields if isinstance(record, tuple) else [one.name for one in dataclasses.fields(record) if one.repr]
+    )
+    rows = []
+    for name in names:
+        value = getattr(record, name)
+        if value is None or name.startswith("_"):
+            continue
+        meaning = meanings.get(name, "")
+        unit = unit_in(meaning)
+        rows.append((name, in_words(value), meaning if long else f"[{unit}]" if unit not in ("", "1") else ""))
+    return rows
+
+
+def in_words(value: Any) -> str:
+    """Return a value in one short line: numbers, small arrays, the shape and the range of large ones.
+
+    Examples
+    --------
+    >>> in_words(0.123456789), in_words(np.arange(12.0).reshape(6, 2)), in_words([True] * 9), in_words(np.eye(2) > 0)
+    ('0.123457', '(6, 2) array, 0 to 11', '9 of bool', '[[True, False], [False, True]]')
+
+    """
+    if isinstance(value, np.ndarray):
+        return _array(value)
+    if isinstance(value, float | np.floating):
+        return f"{value:.6g}"
+    if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
+        short = ", ".join(map(in_words, value[:_FEW]))
+        if len(value) <= _FEW and len(short) < LETTERS // 2:
+            return f"({short})"
+        kinds = {type(one).__name__ for one in value}
+        return f"{len(value)} of {kinds.pop() if len(kinds) == 1 else 'several kinds'}"
+    if isinstance(value, Mapping):
+        return _cut(f"{len(value)} of: {', '.join(map(str, value))}" if value else "none", LETTERS // 2)
+    own = isinstance(value, str) or "__str__" in type(value).__dict__
+    return _cut((str(value) if own else repr(value)).partition("\n")[0], LETTERS)
+
+
+def _array(array: np.ndarray[Any, Any]) -> str:
+    if array.size <= _FEW and array.dtype.kind in "biuf":
+        text = np.array2string(array, separator=", ", formatter={"float_kind": lambda one: f"{one:.5g}"})
+        return " ".join(text.split()).replace("[ ", "[")
+    words = f"{array.shape} array"
+    if array.dtype.kind == "b":
+        return f"{words}, {int(array.sum())} true"
+    finite = array[np.isfinite(array)] if array.dtype.kind == "f" else array
+    if array.dtype.kind not in "iuf" or not finite.size:
+        return words
+    low, high = finite.min(), finite.max()
+    return f"{words}, all {in_words(low)}" if low == high else f"{words}, {low:.4g} to {high:.4g}"
+
+
+def _cut(text: str, letters: int) -> str:
+    return text if len(text) <= letters else text[: letters - 3] + "..."
+
+
+def as_text(name: str, headline: str, rows: list[Row], further: str = "") -> str:
+    """Return the repr of a result: a first line, and its rows below each other, at most a dozen lines."""
+    first = _cut(f"<packmech.{name}> {headline}".rstrip(), LETTERS)
+    most = LINES - 1 if len(rows) < LINES else LINES - 2
+    kept = rows[:most]
+    first_wide, last_wide = (max((len(row[k]) for row in kept), default=0) for k in (0, 2))
+    room = LETTERS - first_wide - min(last_wide, LETTERS // 2) - 6
+    values = [_cut(row[1], room if row[2] else LETTERS) for row in kept]
+    wide = max((len(value) for value, row in zip(values, kept, strict=True) if row[2]), default=0)
+    lines = [f"  {a:{first_wide}}  {value:{wide}}  {c}".rstrip() for (a, _, c), value in zip(kept, values, strict=True)]
+    more = [_cut(f"  {further}and " + ", ".join(row[0] for row in rows[most:]), LETTERS)] if rows[most:] else []
+    return "\n".join([first, *(_cut(line, LETTERS) for line in lines), *more])
+
+
+def as_html(name: str, headline: str, rows: list[Row], record: Any) -> str:
+    """Return a result as a table of a notebook, with a small picture where there is something to see."""
+    cells = "".join(
+        f"<tr><td style='text-align:left'><b>{html.escape(a)}</b></td><td style='text-align:left'>{html.escape(b)}</td>"
+        f"<td style='text-align:left;color:#666'>{html.escape(c)}</td></tr>"
+        for a, b, c in rows
+    )
+    about = html.escape(first_sentence(type(record)))
+    module, _, function = _PICTURE.partition(":")
+    picture = getattr(importlib.import_module(module), function)(record)
+    return (
+        "<div style='display:flex;gap:1.5em;flex-wrap:wrap;align-items:flex-start'><div>"
+        f"<div><b>packmech.{html.escape(name)}</b> {html.escape(headline)}</div>"
+        f"<div style='color:#666;max-width:46em'>{about}</div><table>{cells}</table></div>{picture}</div>"
+    )

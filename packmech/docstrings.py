@@ -1,0 +1,76 @@
+"""Docstrings in sections, read for what they say of parameters and attributes."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import inspect
+import re
+from typing import Any
+
+_TAKEN = re.compile(r"(?:As of|What) `?pm\.(\w+)")
+_UNIT = re.compile(r"\[([^\[\]]*)\]")
+
+
+def sections(text: str) -> dict[str, list[str]]:
+    r"""Return the sections of a docstring by their titles, as lines; what stands before the first one is "".
+
+    Examples
+    --------
+    >>> list(sections("Return one.\n\nRaises\n------\nValueError\n    Never."))
+    ['', 'Raises']
+
+    """
+    found: dict[str, list[str]] = {"": []}
+    title, lines = "", inspect.cleandoc(text or "").splitlines()
+    for k, line in enumerate(lines):
+        if k + 1 < len(lines) and lines[k + 1] and set(lines[k + 1]) == {"-"}:
+            title = line.strip()
+            found[title] = []
+        elif not (line and set(line) == {"-"}):
+            found[title].append(line)
+    return found
+
+
+@functools.cache
+def meanings_of(thing: Any) -> dict[str, str]:
+    """Return what the docstring of a class or a function says of each of its parameters or attributes.
+
+    Where it says "What pm.call takes" that of the call's parameter of this name stands there.
+    """
+    parts = sections(thing.__doc__ or "")
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in [*parts.get("Parameters", []), *parts.get("Attributes", [])]:
+        if line and not line[0].isspace():
+            names = [one.strip() for one in line.partition(" : ")[0].split(",")]
+            found |= dict.fromkeys(names, "")
+        else:
+            for name in names:
+                found[name] = f"{found[name]} {line.strip()}".strip()
+    for name, text in found.items():
+        taken = _TAKEN.match(text)
+        call = getattr(importlib.import_module("packmech"), taken[1], None) if taken else None
+        of_call = meanings_of(call).get(name) if inspect.isfunction(call) else None
+        found[name] = (of_call or text).replace("``", "`")
+    return found
+
+
+def first_sentence(thing: Any) -> str:
+    """Return the first paragraph of a docstring in one line."""
+    lines = sections(thing.__doc__ or "")[""]
+    end = next((k for k, line in enumerate(lines) if not line.strip()), len(lines))
+    return " ".join(" ".join(lines[:end]).split())
+
+
+def unit_in(meaning: str) -> str:
+    """Return the unit that a meaning names in brackets; empty where it names none.
+
+    Examples
+    --------
+    >>> unit_in("(N, d) net force on each particle [force]"), unit_in("Number of contacts.")
+    ('force', '')
+
+    """
+    found = _UNIT.search(meaning)
+    return found[1] if found else ""

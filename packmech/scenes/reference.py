@@ -1,0 +1,205 @@
+"""What may stand in a scene file, read off the records and functions that its tables name; and files with comments."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+import types
+import typing
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from packmech.docstrings import first_sentence, meanings_of
+from packmech.effects import registered_effects, registered_laws
+from packmech.files.records import Kinds, Maker, is_record, kind_of, kinds_of, to_table
+from packmech.scene import drive_code, registered_drives
+from packmech.scenes.recipes import NESTED, PACKINGS, bonds
+
+_WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
+_WIDTH = 100
+# fields of packings that mean something else in a file than the argument of that name, or have another name
+_IN_FILES = {
+    "seed": "Of the random start: the same seed gives the same bits. `--seed` draws another.",
+    "lattice_vectors": "Vectors of the box, one in a line; those of random packings give its shape only (square or "
+    "cubic unless given), and the packing fraction its size.",
+    "positions": "Centers, one in a line [length].",
+    "radii": "Of all particles [length].",
+}
+
+
+class Field(NamedTuple):
+    """A field of a table: its name, what stands there, its default as TOML ("" where it must be given), its meaning."""
+
+    name: str
+    kind: str
+    default: str
+    meaning: str
+
+
+def _default(value: Any) -> str:
+    """Return a default as TOML."""
+    if value is None:
+        return "unset"
+    if is_record(value):
+        table = to_table(value)
+        return f'"{table["kind"]}"' if len(table) == 1 else _inline(table)
+    return _inline(list(value) if isinstance(value, tuple) else value)
+
+
+def _inline(value: Any) -> str:
+    """Return a value in one line of TOML."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{name} = {_inline(one)}" for name, one in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return tomli_w.dumps({"x": value}).partition(" = ")[2].strip()
+
+
+def _words(hint: Any) -> str:
+    """Return what stands in a field of this annotation."""
+    options = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    said: list[str] = []
+    for one in options:
+        if typing.get_origin(one) is typing.Literal:
+            said += [repr(word).replace("'", '"') for word in typing.get_args(one)]
+        elif typing.get_origin(one) is tuple:
+            inner = typing.get_args(one)[0]
+            said.append("list of rows" if typing.get_origin(inner) is tuple else f"list of {_words(inner)}s")
+        elif one in _WORDS:
+            said.append(_WORDS[one])
+    return " or ".join(dict.fromkeys(said))
+
+
+def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str] = ()) -> list[Field]:
+    """Return the fields of the table that describes what a class or a function makes.
+
+    Parameters
+    ----------
+    maker
+        A record class, or a function.
+    nested
+        The kinds of records that may stand in a field, by its name.
+    given
+        Parameters that are no fields.
+
+    """
+    try:
+        hints = typing.get_type_hints(
+            maker.__init__ if inspect.isclass(maker) and not hasattr(maker, "_fields") else maker
+        )  # type: ignore[misc]
+    except (NameError, TypeError):
+        hints = {}
+    meaning = dict(meanings_of(maker))
+    found = []
+    for name, one in inspect.signature(maker).parameters.items():
+        if name in given:
+            continue
+        kinds = nested.get(name)
+        words = _words(hints.get(name, Any)) if kinds is None else "a kind of " + name.rstrip("s")
+        required = one.default is inspect.Parameter.empty
+        if maker in PACKINGS.values() and (name == "seed" or name not in meaning):
+            meaning[name] = _IN_FILES.get(name, "")
+        found.append(Field(name, words, "" if required else _default(one.default), meaning.get(name, "")))
+    return found
+
+
+def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]]]:
+    """Give the tables of a scene file: title, kinds, kinds of records in fields, parameters that are no fields."""
+    laws = kinds_of(registered_laws())
+    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    yield "[packing]", PACKINGS, NESTED | nested, ("folder",)
+    yield "[[effects]]", kinds_of(registered_effects()) | {kind_of(bonds): bonds}, nested, ("packing",)
+    for name, cls in registered_drives().items():
+        methods = {field: kinds_of(classes()) for field, classes in drive_code(cls).nested.items()}
+        yield f"[drive] {name}", {name: cls}, methods, ()
+
+
+def commented_scene(tables: Mapping[str, Any]) -> str:
+    """Return the tables of a scene as the text of a TOML file that says what each field means.
+
+    Fields that have their defaults stand there as comments.
+    """
+    lines = [
+        "# A scene of packmech; run it with: packmech run THIS_FILE. Lines that begin with # are comments; those of",
+        "# the form `# name = value` are defaults: take the # away to change them. See: packmech guide scene-files",
+    ]
+    if tables.get("description"):
+        lines += [f"description = {_inline(tables['description'])}"]
+    laws = kinds_of(registered_laws())
+    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    lines += ["", "[packing]"]
+    lines += _table_lines(tables["packing"], PACKINGS, NESTED | nested, ("folder",))
+    acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
+    for one in tables["effects"]:
+        lines += ["", "[[effects]]", *_table_lines(one, acting, nested, ("packing",))]
+    if "drive" in tables:
+        cls = registered_drives()[tables["drive"]["kind"]]
+        methods = {name: kinds_of(classes()) for name, classes in drive_code(cls).nested.items()}
+        lines += ["", "[drive]", *_table_lines(tables["drive"], registered_drives(), methods, ())]
+    return "\n".join(lines) + "\n"
+
+
+def _table_lines(
+    table: Mapping[str, Any], kinds: Kinds, nested: Mapping[str, Kinds], given: tuple[str, ...]
+) -> list[str]:
+    kind = table["kind"]
+    others = ", ".join(f'"{name}"' for name in kinds if name != kind)
+    lines = _comment(f"{first_sentence(kinds[kind])} Others: {others}")
+    lines.append(f"kind = {_inline(kind)}")
+    for field in fields_of(kinds[kind], nested, given=given):
+        words = field.meaning
+        if field.name in nested:
+            words += f" Kinds: {', '.join(nested[field.name])}."
+        if field.name in table:
+            lines += [*_comment(words), f"{field.name} = {_inline(table[field.name])}"]
+        elif field.default not in ("", "unset"):
+            lines += [*_comment(words), f"# {field.name} = {field.default}"]
+        else:
+            lines += _comment(f"{field.name} ({field.kind or 'a value'}; not set): {words}")
+    return lines
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(" ".join(text.split()), _WIDTH, break_on_hyphens=False)]
+
+
+def scene_reference() -> str:
+    """Return every table, kind and field of a scene file as Markdown."""
+    parts = [
+        "# Scene files: every table, kind and field",
+        "This page is made from the records that a file is read into (`packmech.scenes.reference.scene_reference`).",
+        "A table names its `kind`; a field whose default is `unset` may be left out. A record in a table is a table, "
+        'or just the name of its kind: `law = "hertz"`. Values are changed from the command line with '
+        "`--set packing.particles=500 --set effects.friction.coefficient=0.1`.",
+    ]
+    shown: dict[str, Kinds] = {}
+    for title, kinds, nested, given in _places():
+        parts.append(f"## `{title}`")
+        for name, maker in kinds.items():
+            parts += _kind_text(name, maker, nested, given, "###")
+        shown |= {field: found for field, found in nested.items() if field not in shown and found}
+    for field, kinds in shown.items():
+        if field in ("compression", "tension"):
+            continue
+        parts.append(f"## Records in a field `{field}`")
+        for name, maker in kinds.items():
+            parts += _kind_text(name, maker, shown, (), "###")
+    return "\n\n".join(parts) + "\n"
+
+
+def _kind_text(name: str, maker: Maker, nested: Mapping[str, Kinds], given: tuple[str, ...], level: str) -> list[str]:
+    parts = [f'{level} `kind = "{name}"`', first_sentence(maker)]
+    fields = fields_of(maker, nested, given=given)
+    if fields:
+        rows = ["| field | what stands there | default | meaning |", "|---|---|---|---|"]
+        for one in fields:
+            default = f"`{one.default}`" if one.default else "must be given"
+            rows.append(
+                "| "
+                + " | ".join(text.replace("|", "\\|") for text in (f"`{one.name}`", one.kind, default, one.meaning))
+                + " |"
+            )
+        parts.append("\n".join(rows))
+    return [part for part in parts if part]

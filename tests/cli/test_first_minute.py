@@ -1,0 +1,120 @@
+"""Facts about the first minute with the command: what comes of no words, new scenes, other values, shipped scenes."""
+
+import re
+
+import pytest
+
+import packmech as pm
+from packmech.cli import OK, execute
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_the_command_alone_says_what_to_do_next(capsys):
+    assert execute([]) == OK
+    said = capsys.readouterr().out
+    assert "packmech jam" in said and "packmech new" in said and "packmech guide" in said
+
+
+def test_a_new_scene_is_what_its_options_say_and_every_field_has_a_comment(folder):
+    words = ["--particles", "20", "--dimension", "3", "--law", "hertz", "--friction", "0.3", "--seed", "7"]
+    execute(["new", "mine.toml", *words, "--set", "drive.pressure=1e-3", "--set", 'packing.sizes="monodisperse"'])
+    scene = pm.read_scene(folder / "mine.toml")
+    assert (scene.packing.particles, scene.packing.dimension) == (20, 3)
+    assert scene.packing == pm.random_packing(20, dimension=3, packing_fraction=0.87, sizes=pm.Monodisperse(), seed=7)
+    assert scene.effects == (pm.Repulsion(pm.Hertz()), pm.Friction(0.3))
+    assert scene.drive == pm.JamDrive(pressure=1e-3)
+    lines = (folder / "mine.toml").read_text().splitlines()
+    for k, line in enumerate(lines):
+        if re.match(r"[a-z_]+ = ", line) and not line.startswith("description"):
+            assert lines[k - 1].startswith("#"), line
+
+
+@pytest.mark.parametrize("name", list(pm.list_scenes()))
+def test_a_new_scene_like_any_that_ships_is_that_scene(folder, name):
+    execute(["new", "copy.toml", "--like", name])
+    assert pm.read_scene(folder / "copy.toml") == pm.read_scene(name)
+
+
+def test_what_stands_as_a_comment_in_a_new_scene_are_the_defaults(folder):
+    execute(["new", "mine.toml", "--friction", "0.3"])
+    text = (folder / "mine.toml").read_text()
+    uncommented = re.sub(r"(?m)^# (?=[a-z_]+ = )", "", text)
+    assert uncommented != text
+    (folder / "all.toml").write_text(uncommented)
+    assert pm.read_scene(folder / "all.toml") == pm.read_scene(folder / "mine.toml")
+
+
+def test_a_file_that_exists_is_only_replaced_when_asked(folder):
+    execute(["new", "mine.toml"])
+    with pytest.raises(ValueError, match="file must not exist"):
+        execute(["new", "mine.toml"])
+    execute(["new", "mine.toml", "--overwrite", "--particles", "8"])
+    assert pm.read_scene(folder / "mine.toml").packing.particles == 8
+
+
+def test_shipped_scenes_are_shown_and_copied_as_they_are(folder, capsys):
+    execute(["scenes", "--show", "kagome"])
+    shown = capsys.readouterr().out
+    execute(["scenes", "--copy", "kagome"])
+    assert (folder / "kagome.toml").read_text() == shown
+    assert pm.read_scene(folder / "kagome.toml") == pm.read_scene("kagome")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["scenes", "--show", "kagom"], "did you mean 'kagome'"),
+        (["scenes", "--to", "x.toml"], "to must be left out without --copy"),
+        (["jam", "--set", "packing.particles"], "set must be NAME=VALUE"),
+        (["jam", "--set", "packing.partcles=4"], "did you mean 'particles'"),
+        (["jam", "--set", "effects.fricton.coefficient=1"], "must lie in what the scene has"),
+        (["run", "defalt"], "did you mean 'default'"),
+        (["new", "mine.txt"], "file must end in .toml"),
+    ],
+)
+def test_what_is_misspelled_is_said_before_anything_runs(words, message):
+    with pytest.raises((ValueError, OSError), match=re.escape(message)):
+        execute(words)
+
+
+def test_jam_takes_other_values_than_the_scene_s(folder, capsys):
+    words = ["--particles", "24", "--set", "packing.sizes=monodisperse", "--law", "hertz", "--no-record"]
+    assert execute(["jam", *words, "--json", "numbers.json", "--out", "packing.npz", "--modes", "0"]) == OK
+    packing = pm.read_packing(folder / "packing.npz")
+    assert packing.particles == 24 and len(set(packing.radius_n.tolist())) == 1
+    assert pm.read_law(folder / "packing.npz") == pm.Hertz()
+
+
+def test_every_error_of_a_scene_is_said_at_once(folder):
+    (folder / "wrong.toml").write_text(
+        """
+        colour = "red"
+        [packing]
+        kind = "random"
+        particles = 4.5
+        packing_fracton = 0.8
+        seed = 1
+        [[effects]]
+        kind = "repulsion"
+        law = { kind = "hertzian" }
+        [drive]
+        kind = "jamm"
+        """
+    )
+    with pytest.raises(ValueError, match="6 errors in scene file") as caught:
+        pm.read_scene(folder / "wrong.toml")
+    said = str(caught.value).splitlines()[1:]
+    starts = ["colour", "effects[0].law.kind", "drive.kind", "packing.particles", "packing.packing_fracton"]
+    assert [line[2:].partition(" must")[0] for line in said] == [*starts, "packing.packing_fraction"]
+    assert "did you mean 'hertz'" in said[1] and "--load" in said[1]
+
+
+def test_one_error_of_a_scene_stands_alone(folder):
+    (folder / "wrong.toml").write_text('[packing]\nkind = "lattice"\nname = "square"\n[[effects]]\nkind = 3\n')
+    with pytest.raises(ValueError, match=r"^effects\[0\].kind must be one of .* \(in scene file"):
+        pm.read_scene(folder / "wrong.toml")
