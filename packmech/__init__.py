@@ -1,321 +1,74 @@
 """packmech: mechanics of jammed packings.
 
+`pm.help()` lists every public name by subject, `pm.help("modul")` those with a word; `packmech guide` is what to read.
 Names are found on first use, so that `import packmech` is light and a command pays only for what it touches.
 """
 
 from __future__ import annotations
 
 import importlib
+import os
+import re
 from typing import Any
 
 __version__ = "0.1.0"
 
-# public name -> module that holds it
-_PUBLIC = {
-    # packings
-    "Box": "packmech.box",
-    "Packing": "packmech.packing",
-    "Beads": "packmech.shapes",
-    "Spheroids": "packmech.shapes",
-    "TangentialDisplacements": "packmech.tangential",
-    "Bidisperse": "packmech.generate",
-    "LogNormal": "packmech.generate",
-    "Mixture": "packmech.generate",
-    "Monodisperse": "packmech.generate",
-    "Normal": "packmech.generate",
-    "Uniform": "packmech.generate",
-    "Cluster": "packmech.generate",
-    "Dimer": "packmech.generate",
-    "Ellipses": "packmech.generate",
-    "LinearCluster": "packmech.generate",
-    "RingCluster": "packmech.generate",
-    "StarCluster": "packmech.generate",
-    "Trimer": "packmech.generate",
-    "bead_packing": "packmech.generate",
-    "chain_packing": "packmech.generate",
-    "cluster_packing": "packmech.generate",
-    "cut_fragments": "packmech.generate",
-    "fill_box": "packmech.generate",
-    "lattice_packing": "packmech.generate",
-    "random_packing": "packmech.generate",
-    "reinforced_kagome_packing": "packmech.generate",
-    "rigid_packing": "packmech.generate",
-    "scattered_packing": "packmech.generate",
-    "tunneled_packing": "packmech.generate",
-    "vacancy_packing": "packmech.generate",
-    "read_law": "packmech.files.packings",
-    "read_packing": "packmech.files.packings",
-    "write_packing": "packmech.files.packings",
-    # scenes and effects
-    "CementDrive": "packmech.scene",
-    "CreepDrive": "packmech.scene",
-    "JamDrive": "packmech.scene",
-    "Links": "packmech.links",
-    "OscillatoryShearDrive": "packmech.scene",
-    "QuenchDrive": "packmech.scene",
-    "RampStrainDrive": "packmech.scene",
-    "ShearStabilizeDrive": "packmech.scene",
-    "SimulateDrive": "packmech.scene",
-    "SteadyShearDrive": "packmech.scene",
-    "PressureShear": "packmech.rheology.at_pressure",
-    "shear_jam": "packmech.protocols.shearing.shear_jam",
-    "shear_at_pressure": "packmech.rheology.at_pressure",
-    "WallModuli": "packmech.rheology.walls",
-    "WallContacts": "packmech.measure.walls",
-    "wall_contacts": "packmech.measure.walls",
-    "rough_plates": "packmech.rheology.walls",
-    "Scene": "packmech.scene",
-    "list_scenes": "packmech.scenes.scene_file",
-    "run": "packmech.scenes",
-    "drive": "packmech.scene",
-    "packing_kind": "packmech.scenes.recipes",
-    "read_scene": "packmech.scenes.scene_file",
-    "write_scene": "packmech.scenes.scene_file",
-    "BackgroundDamping": "packmech.effects",
-    "Bonds": "packmech.effects",
-    "FixedParticles": "packmech.effects",
-    "bond_contacts": "packmech.effects.bonds",
-    "ContactDamping": "packmech.effects",
-    "Friction": "packmech.effects",
-    "Gravity": "packmech.effects",
-    "Walls": "packmech.effects",
-    "DivergentRepulsion": "packmech.effects",
-    "ExponentialTension": "packmech.effects",
-    "Harmonic": "packmech.effects",
-    "Hertz": "packmech.effects",
-    "LinearSpring": "packmech.effects",
-    "PlateauRepulsion": "packmech.effects",
-    "PowerLaw": "packmech.effects",
-    "Repulsion": "packmech.effects",
-    "RepulsiveLennardJones": "packmech.effects",
-    "effect": "packmech.effects",
-    "law": "packmech.effects",
-    # contacts
-    "Contacts": "packmech.contacts",
-    "Crossings": "packmech.contacts",
-    "crossing_links": "packmech.contacts",
-    "find_contacts": "packmech.contacts",
-    "find_rattlers": "packmech.measure.rattlers",
-    "remove_rattlers": "packmech.measure.rattlers",
-    # measures
-    "Demodulation": "packmech.measure.signals",
-    "coordination_number": "packmech.measure.counting",
-    "demodulate": "packmech.measure.signals",
-    "energy": "packmech.measure.stress",
-    "forces": "packmech.measure.stress",
-    "ContactForces": "packmech.measure.contact_forces",
-    "contact_distance": "packmech.contacts.contact_distance",
-    "ShapeContacts": "packmech.contacts.shape_contacts",
-    "find_shape_contacts": "packmech.contacts.shape_contacts",
-    "contact_forces": "packmech.measure.contact_forces",
-    "torques": "packmech.measure.contact_forces",
-    "link_tension": "packmech.measure.stress",
-    "mean_with_error": "packmech.measure.signals",
-    "packing_fraction": "packmech.measure.counting",
-    "pressure": "packmech.measure.stress",
-    "softening_strain": "packmech.measure.signals",
-    "stress_tensor": "packmech.measure.stress",
-    "yield_strain": "packmech.measure.signals",
-    # structure
-    "BondOrder": "packmech.measure.order",
-    "ContactStatistics": "packmech.measure.contact_statistics",
-    "Correlation": "packmech.measure.structure",
-    "CorrelationLength": "packmech.measure.structure",
-    "ForceChains": "packmech.measure.contact_statistics",
-    "ForceDistribution": "packmech.measure.contact_statistics",
-    "NematicOrder": "packmech.measure.order",
-    "Neighbors": "packmech.contacts.surroundings",
-    "PairDistribution": "packmech.measure.structure",
-    "PartialStructureFactors": "packmech.measure.scattering",
-    "SpectrumFit": "packmech.measure.scattering",
-    "ShellAverage": "packmech.measure.scattering",
-    "bond_orientational_order": "packmech.measure.order",
-    "contact_statistics": "packmech.measure.contact_statistics",
-    "correlation_function": "packmech.measure.structure",
-    "correlation_length": "packmech.measure.structure",
-    "find_neighbors": "packmech.contacts.surroundings",
-    "force_chains": "packmech.measure.contact_statistics",
-    "force_distribution": "packmech.measure.contact_statistics",
-    "nematic_order": "packmech.measure.order",
-    "pair_distribution": "packmech.measure.structure",
-    "partial_structure_factors": "packmech.measure.scattering",
-    "shell_average": "packmech.measure.scattering",
-    "spectral_density": "packmech.measure.scattering",
-    "structure_factor": "packmech.measure.scattering",
-    "wave_indices": "packmech.measure.scattering",
-    "wave_vectors": "packmech.measure.scattering",
-    # accuracy and recording
-    "Answer": "packmech.validation.work_precision",
-    "Trial": "packmech.validation.work_precision",
-    "WorkPrecision": "packmech.validation.work_precision",
-    "work_precision": "packmech.validation.work_precision",
-    "draw_frame": "packmech.view.frame",
-    "Recording": "packmech.view.live",
-    "record_motion": "packmech.view.recording",
-    "record_packing": "packmech.view.recording",
-    "record_run": "packmech.view.recording",
-    "write_pictures": "packmech.view.figures",
-    "report_figure": "packmech.view.report",
-    "Table": "packmech.observables",
-    "State": "packmech.observables",
-    "observable": "packmech.observables",
-    "read_table": "packmech.files.tables",
-    "write_table": "packmech.files.tables",
-    # ensembles
-    "Ensemble": "packmech.ensemble.table",
-    "GroupStatistics": "packmech.ensemble.statistics",
-    "Histogram": "packmech.ensemble.statistics",
-    "PowerLawFit": "packmech.ensemble.statistics",
-    "bootstrap": "packmech.ensemble.statistics",
-    "fit_power_law": "packmech.ensemble.statistics",
-    "group_statistics": "packmech.ensemble.statistics",
-    "histogram": "packmech.ensemble.statistics",
-    "read_ensemble": "packmech.ensemble.table",
-    "resume_ensemble": "packmech.ensemble.run",
-    "run_ensemble": "packmech.ensemble.run",
-    "small_value_exponent": "packmech.ensemble.statistics",
-    # mechanics
-    "mandel_tensor": "packmech.linalg.mandel",
-    "mandel_vector": "packmech.linalg.mandel",
-    "Average": "packmech.mechanics.elasticity",
-    "ConstrainedForce": "packmech.constraints.projection",
-    "ConstraintBasis": "packmech.constraints.basis",
-    "FrictionalModes": "packmech.mechanics.frictional",
-    "FloppyModes": "packmech.mechanics.self_stress",
-    "QuarticModes": "packmech.mechanics.quartic",
-    "displaced": "packmech.mechanics.quartic",
-    "quartic_modes": "packmech.mechanics.quartic",
-    "IndependentLinks": "packmech.constraints.redundancy",
-    "Modes": "packmech.mechanics.modes",
-    "Moduli": "packmech.mechanics.elasticity",
-    "ReaffixedLinks": "packmech.constraints.projection",
-    "Rattling": "packmech.measure.rattlers",
-    "SelfStress": "packmech.mechanics.self_stress",
-    "StateDensity": "packmech.mechanics.modes",
-    "ComplexModulus": "packmech.mechanics.complex_modulus",
-    "change_of_basis": "packmech.mechanics.rigidity",
-    "complex_modulus": "packmech.mechanics.complex_modulus",
-    "compliance_matrix": "packmech.mechanics.elasticity",
-    "constrained_rigidity_matrix": "packmech.mechanics.rigidity",
-    "constraint_basis": "packmech.constraints.basis",
-    "constraint_jacobian": "packmech.constraints.jacobian",
-    "density_of_states": "packmech.mechanics.modes",
-    "dynamical_matrix": "packmech.mechanics.hessian",
-    "elastic_moduli": "packmech.mechanics.elasticity",
-    "find_rattling_clusters": "packmech.measure.rattlers",
-    "frictional_modes": "packmech.mechanics.frictional",
-    "floppy_modes": "packmech.mechanics.self_stress",
-    "hessian": "packmech.mechanics.hessian",
-    "independent_links": "packmech.constraints.redundancy",
-    "n_matrix": "packmech.mechanics.rigidity",
-    "normal_modes": "packmech.mechanics.modes",
-    "perturbation_energy": "packmech.mechanics.hessian",
-    "project_force": "packmech.constraints.projection",
-    "reaffix_links": "packmech.constraints.projection",
-    "rigidity_matrix": "packmech.mechanics.rigidity",
-    "stiffness_matrix": "packmech.mechanics.frictional",
-    "states_of_self_stress": "packmech.mechanics.self_stress",
-    # minimizers
-    "ConjugateGradient": "packmech.minimize.first_order.conjugate_gradient",
-    "DampedDynamics": "packmech.minimize.first_order.damped",
-    "Fire": "packmech.minimize.first_order.fire",
-    "Fire2": "packmech.minimize.first_order.fire",
-    "GradientDescent": "packmech.minimize.first_order.gradient_descent",
-    "LBFGS": "packmech.minimize.first_order.lbfgs",
-    "Newton": "packmech.minimize.second_order.newton",
-    "SteepestDescent": "packmech.minimize.first_order.steepest_descent",
-    "minimizer": "packmech.minimize.minimizers",
-    "quench": "packmech.minimize.quench",
-    "QuenchBatch": "packmech.minimize.batch",
-    # dynamics
-    "Equilibration": "packmech.rheology.equilibrate",
-    "MaterialConstants": "packmech.dynamics.material",
-    "equilibrate": "packmech.rheology.equilibrate",
-    "material_constants": "packmech.dynamics.material",
-    "OscillatoryStrain": "packmech.dynamics.deformation",
-    "SteadyStrain": "packmech.dynamics.deformation",
-    "OscillatoryShear": "packmech.rheology.oscillatory",
-    "StrainRun": "packmech.rheology.strain_run",
-    "AmplitudeSweep": "packmech.rheology.amplitude_sweep",
-    "Creep": "packmech.rheology.steady",
-    "FlowCurve": "packmech.rheology.steady",
-    "ShearCurve": "packmech.ensemble.shear_series",
-    "ShearSeries": "packmech.ensemble.shear_series",
-    "ShearTrial": "packmech.ensemble.shear_series",
-    "amplitude_sweep": "packmech.rheology.amplitude_sweep",
-    "creep": "packmech.rheology.steady",
-    "oscillatory_shear": "packmech.rheology.oscillatory",
-    "ramp_strain": "packmech.rheology.steady",
-    "shear_series": "packmech.ensemble.shear_series",
-    "ShearBatch": "packmech.dynamics.batch",
-    "steady_shear": "packmech.rheology.steady",
-    "MotionTrace": "packmech.dynamics.simulation",
-    "ParticleShear": "packmech.validation.particle_shear",
-    "ParticleShearRun": "packmech.validation.particle_shear",
-    "particle_shear": "packmech.validation.particle_shear",
-    "PlayedMotion": "packmech.jamming.play",
-    "SemiImplicitEuler": "packmech.dynamics.integrators",
-    "Simulation": "packmech.dynamics.simulation",
-    "VelocityVerlet": "packmech.dynamics.integrators",
-    "play_motion": "packmech.jamming.play",
-    "resume": "packmech.dynamics.simulate",
-    "simulate": "packmech.dynamics.simulate",
-    # verdict
-    "classify_jamming": "packmech.jamming.classify",
-    "Verdict": "packmech.jamming.verdict",
-    # jamming protocols
-    "Decompression": "packmech.protocols.jam",
-    "HardVertex": "packmech.protocols.jam",
-    "JamMethod": "packmech.protocols.jam",
-    "Press": "packmech.protocols.jam",
-    "ProgramChain": "packmech.protocols.jam",
-    "StepHalving": "packmech.protocols.jam",
-    "Cementing": "packmech.protocols.cement",
-    "cement": "packmech.protocols.cement",
-    "anneal_shape": "packmech.protocols.anneal",
-    "compress": "packmech.protocols.compress",
-    "jam": "packmech.protocols.jam",
-    "Avalanche": "packmech.protocols.shearing.quasistatic",
-    "ContactChange": "packmech.protocols.shearing.quasistatic",
-    "FamilyChange": "packmech.protocols.shearing.families",
-    "QuasistaticShear": "packmech.protocols.shearing.quasistatic",
-    "ShearFamilies": "packmech.protocols.shearing.families",
-    "cyclic_shear": "packmech.protocols.shearing.quasistatic",
-    "quasistatic_shear": "packmech.protocols.shearing.quasistatic",
-    "tap": "packmech.protocols.anneal",
-    "shear_families": "packmech.protocols.shearing.families",
-    "shear_stabilize": "packmech.protocols.shearing.shear_stabilize",
-    "settle": "packmech.protocols.settle",
-    "sweep_pressure": "packmech.protocols.sweep",
-    "sweep_stress": "packmech.protocols.sweep",
-    "at_packing_fraction": "packmech.protocols.protocol",
-    # compiled functions of users
-    "kernel": "packmech.jit.compiled",
-    # outcomes
-    "NotConverged": "packmech.result",
-    "Condition": "packmech.result",
-    "Outcome": "packmech.result",
-    "Run": "packmech.result",
-    "Solve": "packmech.result",
-    "Stage": "packmech.result",
-    "Trace": "packmech.result",
-}
 
-# those of them that are modules themselves
-_PUBLIC_MODULES = {"particle_shear"}
+def _read() -> dict[str, dict[str, str]]:
+    """Return subject -> public name -> module that holds it, as __init__.pyi lists them."""
+    found: dict[str, dict[str, str]] = {}
+    names: dict[str, str] = {}
+    with open(f"{os.path.splitext(__file__)[0]}.pyi", encoding="utf-8") as file:
+        lines = file.read().splitlines()
+    for line in lines[1:]:
+        if line.startswith("# "):
+            names = found.setdefault(line[2:], {})
+        elif named := re.fullmatch(r"from (\S+) import (\w+) as \2", line):
+            names[named[2]] = named[1]
+    return found
+
+
+_SUBJECTS = _read()
+_PUBLIC = {name: module for names in _SUBJECTS.values() for name, module in names.items()}
 
 __all__ = sorted(_PUBLIC)
+
+
+def help(word: str = "") -> None:
+    """Print the public names by subject, each with one line on it.
+
+    Parameters
+    ----------
+    word
+        Only names, lines and subjects in which this stands.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> pm.help("fit_power")
+    ensembles
+      fit_power_law          Return the power law that fits values of groups, weighted by their errors.
+
+    """
+    from packmech.docstrings import print_subjects
+
+    print_subjects(_SUBJECTS, word)
 
 
 def __getattr__(name: str) -> Any:
     module = _PUBLIC.get(name)
     if module is None:
-        raise AttributeError(f"module 'packmech' has no attribute {name!r}")
+        if name.startswith("__"):
+            raise AttributeError(f"module 'packmech' has no attribute {name!r}")
+        from packmech.check import did_you_mean
+
+        near = did_you_mean(name, _PUBLIC)
+        raise AttributeError(f"packmech has no {name!r}{near or '; pm.help() lists what there is'}")
     found = importlib.import_module(module)
-    value = found if name in _PUBLIC_MODULES else getattr(found, name)
+    value = getattr(found, name, None) or importlib.import_module(f"{module}.{name}")
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted(set(globals()) | set(_PUBLIC))
+    return [*__all__, "__version__", "help"]

@@ -58,10 +58,8 @@ def _headline(record: Any, headline: Callable[[Any], str] | None) -> str:
 def field_rows(record: Any, *, long: bool = False) -> list[Row]:
     """Return name, value in words and unit (or, if `long`, meaning) of the fields of a record that are not None."""
     meanings = meanings_of(type(record))
-    names = (
-        record._fields if isinstance(record, tuple) else [one.name for one in dataclasses.fields(record) if one.repr]
-    )
-    rows = []
+    names = [one.name for one in dataclasses.fields(record) if one.repr]
+    rows: list[Row] = []
     for name in names:
         value = getattr(record, name)
         if value is None or name.startswith("_"):

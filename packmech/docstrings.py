@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import inspect
 import re
+import textwrap
+from collections.abc import Mapping
 from typing import Any
 
 _TAKEN = re.compile(r"(?:As of|What) `?pm\.(\w+)")
@@ -32,7 +33,6 @@ def sections(text: str) -> dict[str, list[str]]:
     return found
 
 
-@functools.cache
 def meanings_of(thing: Any) -> dict[str, str]:
     """Return what the docstring of a class or a function says of each of its parameters or attributes.
 
@@ -74,3 +74,15 @@ def unit_in(meaning: str) -> str:
     """
     found = _UNIT.search(meaning)
     return found[1] if found else ""
+
+
+def print_subjects(subjects: Mapping[str, Mapping[str, str]], word: str = "") -> None:
+    """Print names by subject, each with the first sentence on it; only those with a word, if one is given."""
+    package, low = importlib.import_module("packmech"), word.lower()
+    for subject, names in subjects.items():
+        about = {name: first_sentence(getattr(package, name)) for name in names}
+        rows = {name: line for name, line in about.items() if low in subject.lower() or low in f"{name} {line}".lower()}
+        if rows:
+            print(subject)
+            for name, line in rows.items():
+                print("\n".join(textwrap.wrap(line, 120, initial_indent=f"  {name:22s} ", subsequent_indent=" " * 25)))

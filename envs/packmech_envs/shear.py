@@ -345,7 +345,9 @@ class ShearEpisodes:
         place = self.observation_bk.shape[1] - len(self._turned.names)
         for b in np.flatnonzero(which_b).tolist():
             packing = self.batch.scenes[b].packing
-            turned = packing.replace(shapes=packing.shapes.oriented(self.batch.orientations(b)))
+            orientation_nq = self.batch.orientations(b)
+            assert orientation_nq is not None  # what turns has orientations
+            turned = packing.replace(shapes=packing.shapes.oriented(orientation_nq))
             self.observation_bk[b, place:] = self._turned.row(turned)
 
     @property

@@ -13,7 +13,6 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 from rich import box
 from rich.console import Console
-from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from packmech.check import integer
@@ -22,6 +21,7 @@ from packmech.files.packings import target_file, write_packing
 from packmech.packing import Packing
 from packmech.result import STAGE_HEADINGS, HasSummary, Summary, stage_rows
 from packmech.scene import Scene
+from packmech.status import Status, shows, words_of
 
 # options that several verbs have
 Load = Annotated[
@@ -142,10 +142,9 @@ def title_of(name: str, thing: HasSummary) -> str:
 @contextmanager
 def working(first: str) -> Iterator[Callable[[str], None]]:
     """Show a spinner with the seconds on standard error, and give a function that changes its words."""
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True, highlight=False), transient=True) as progress:
-        task = progress.add_task(first, total=None)
-        yield lambda words: progress.update(task, description=words)
+    with shows(first, after=0.0):
+        assert Status.current is not None
+        yield Status.current.say
 
 
 class Watch:
@@ -170,8 +169,7 @@ class Watch:
 
     def __call__(self, stage: str, figures: dict[str, Any]) -> None:
         """Take what a run reports of a stage."""
-        words = [f"{name} {value:.3g}" for name, value in figures.items() if isinstance(value, int | float)]
-        self.say(", ".join([stage, *words]))
+        self.say(words_of(stage, figures))
         if self.live is not None:
             self.live(stage, figures)
         steps = int(figures.get("steps", 0))

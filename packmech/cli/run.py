@@ -219,7 +219,8 @@ def _with_trace(done: Any, scene: Scene, watch: Watch) -> Any:
 
 def _packing(done: Any) -> pm.Packing:
     """Return the last packing of a run, or of several."""
-    return (done.runs[-1] if hasattr(done, "runs") else done).packing
+    last: Run = done.runs[-1] if hasattr(done, "runs") else done
+    return last.packing
 
 
 def _interrupted(wanted: Wanted, done: Any, path: Path | None) -> None:

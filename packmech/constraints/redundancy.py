@@ -25,6 +25,7 @@ from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images
+from packmech.status import shown_as
 
 # sine between a link and the span of others below which it depends on them: a collinear trimer within rounding of its
 # lengths is off its line by some 1e-7, a bend that is meant by more
@@ -253,6 +254,7 @@ def check_consistent(packing: Packing, found: Dependence, tolerance: float) -> f
     return float(error_l[k])
 
 
+@shown_as("independent links")
 @honors("links", packing_only=True, link_tolerance=ANY_LENGTH)
 def independent_links(
     packing: Packing, *, strain: BoxStrain = "none", tolerance: float = 1e-9, rank_tolerance: float = SINE

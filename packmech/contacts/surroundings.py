@@ -16,6 +16,7 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
+from packmech.status import shown_as
 
 RULES = ("voronoi", "contact", "cutoff", "scaled cutoff")
 # images around the cell that Voronoi cells are made of, at first, in mean distances of particles
@@ -183,6 +184,7 @@ def _sorted(
     return Neighbors(i, j, image, vector, face_p[order] if len(face_p) else face_p, packing.particles, rule)
 
 
+@shown_as("neighbors")
 @honors("links shapes", packing_only=True)
 def find_neighbors(
     packing: Packing,

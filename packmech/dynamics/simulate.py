@@ -18,8 +18,9 @@ from packmech.dynamics.integrators import Method, checked_method, choose_time_st
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
 from packmech.honors import honors
 from packmech.loop.checkpoint import check_scene, damage_refused, fingerprint, read_checkpoint, restore_from
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.scene import Scene
+from packmech.status import Progress
 
 
 @honors("repulsion damping friction bonds interactions gravity walls drag held links shapes")
@@ -42,7 +43,7 @@ def simulate(
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: int | None = None,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> Simulation:
     """Return the motion of the scene's particles through a given time, in the box as it is or as it is deformed.
@@ -158,7 +159,7 @@ def resume(
     steps: int | None = None,
     threads: int = 1,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> Simulation:
     """Return a simulation that goes on from its checkpoint, with the bits of one that was never stopped.
@@ -268,7 +269,7 @@ def _settings(scene: Any, asked: Asked) -> tuple[SimulationSettings, NDArray[np.
     return settings, velocity, spin
 
 
-def simulate_from(path: Path, scene: Scene, *, progress: Progress | None, check: bool, **given: Any) -> Simulation:
+def simulate_from(path: Path, scene: Scene, *, progress: Progress, check: bool, **given: Any) -> Simulation:
     """Return what `simulate` with this checkpoint does, going on from the file where it is there already.
 
     Parameters

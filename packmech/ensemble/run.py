@@ -24,8 +24,8 @@ from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, 
 from packmech.files.packings import PathLike
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
+from packmech.status import Progress, Report, check_progress, shows
 
-Progress = Callable[[str, dict[str, Any]], None]
 # results of each group as it ended, or the executor's own error
 Replies = Iterator[list[Reply] | BaseException]
 
@@ -51,7 +51,7 @@ class _MembersDone:
     of: int
     done: int
     failed: int
-    call: Progress | None
+    call: Report
     began: float = field(default_factory=time.monotonic)
     ended: int = 0
     busy: int = 0
@@ -67,8 +67,6 @@ class _MembersDone:
 
     def report(self, **more: str) -> None:
         """Call the progress callback with what is done, the rate and the time left."""
-        if self.call is None:
-            return
         passed = time.monotonic() - self.began
         rate = self.ended / passed if self.ended and passed > 0.0 else math.nan
         left = (self.of - self.done - self.failed) / rate
@@ -97,7 +95,7 @@ def run_ensemble(
     group: int | None = None,
     part: str | None = None,
     retry: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> Ensemble:
     """Run a job for every combination of seeds and parameters, as far as the folder does not have it; return the table.
 
@@ -203,7 +201,7 @@ def resume_ensemble(
     group: int | None = None,
     part: str | None = None,
     retry: bool = False,
-    progress: Progress | None = None,
+    progress: Progress = None,
 ) -> Ensemble:
     """Run what is missing of the members that a folder has, with the job that it names; return the table.
 
@@ -265,7 +263,7 @@ class _MemberSettings:
     limits: Limits
     group: int | None
     retry: bool
-    progress: Progress | None
+    progress: Progress
 
 
 def _settings(
@@ -286,8 +284,7 @@ def _settings(
             raise ValueError(f"workers must be left out where an executor is given, got {workers!r}")
     if memory_limit is not None and not can_limit_memory():
         raise ValueError("memory_limit must be left out on a system that does not say what a process takes")
-    if progress is not None:
-        function("progress", progress)
+    check_progress(progress)
     instance("retry", retry, bool)
     return _MemberSettings(
         executor,
@@ -312,16 +309,17 @@ def _complete(folder: Path, members: Sequence[Member], settings: _MemberSettings
     states = {one.id: find(folder, one).state for one in members}
     waiting = [one for one in members if states[one.id] == "missing" or (settings.retry and states[one.id] == "failed")]
     failed = 0 if settings.retry else sum(state == "failed" for state in states.values())
-    known = _MembersDone(len(members), sum(state == "done" for state in states.values()), failed, settings.progress)
-    known.report()
-    if not waiting:
-        return
-    try:
-        _run(folder, waiting, settings, functions, known)
-    except KeyboardInterrupt as stop:
-        # for whoever says what stays, if the folder does
-        stop.folder, stop.finished, stop.wanted = folder, known.done, known.of  # type: ignore[attr-defined]
-        raise
+    with shows("ensemble", settings.progress) as report:
+        known = _MembersDone(len(members), sum(state == "done" for state in states.values()), failed, report)
+        known.report()
+        if not waiting:
+            return
+        try:
+            _run(folder, waiting, settings, functions, known)
+        except KeyboardInterrupt as stop:
+            # for whoever says what stays, if the folder does
+            stop.folder, stop.finished, stop.wanted = folder, known.done, known.of  # type: ignore[attr-defined]
+            raise
 
 
 def _run(

@@ -30,6 +30,7 @@ from packmech.rheology.amplitude_sweep import check_amplitudes
 from packmech.rheology.oscillatory import oscillatory_shear
 from packmech.scene import Scene
 from packmech.scenes.scene_file import read_scene, write_scene
+from packmech.status import check_progress, shows
 
 # beside the members: scenes that their parameters name
 SCENES = "scenes"
@@ -195,7 +196,7 @@ def shear_series(
     samples_per_period: int = 200,
     error: str = "standard",
     workers: int | None = 0,
-    progress: TrialProgress | None = None,
+    progress: TrialProgress | bool | None = None,
 ) -> ShearSeries:
     """Return G' and G'' against amplitude over repeats, for several frictions and controls.
 
@@ -257,8 +258,7 @@ def shear_series(
     kinds = _controls(controls)
     source = integer("seed", seed, at_least=0)
     one_of("error", error, ERRORS)
-    if progress is not None:
-        function("progress", progress)
+    check_progress(progress)
     choices: dict[str, Any] = {
         "frequency": None if frequency is None else positive("frequency", frequency),
         "relative_frequency": None
@@ -277,16 +277,23 @@ def shear_series(
         for repeat in range(count)
         for (kind, friction), a in itertools.product(pairs, asked)
     ]
-    with _folder_of(folder) as place:
+    # a function of its own figures hears of trials only
+    line = progress if isinstance(progress, bool) else False if callable(progress) else None
+    with _folder_of(folder) as place, shows("shear series", line) as report:
+
+        def finished(number: int) -> None:
+            if callable(progress):
+                progress(*keys[number])
+            else:
+                report("shear series, trial finished", {"number": number + 1, "of": len(keys)})
+
         scenes = []
         for repeat in range(count):
             start = int(np.random.SeedSequence([source, repeat]).generate_state(1, dtype=np.uint32)[0])
             scenes.append(_kept(place, prepare(start), pairs))
         names = ("control", "friction", "repeat", "amplitude")
         wanted = [{"scene": scenes[key[2]], **dict(zip(names, key, strict=True)), **choices} for key in keys]
-        members = _complete(
-            wanted, place, workers, lambda number: None if progress is None else progress(*keys[number])
-        )
+        members = _complete(wanted, place, workers, finished)
         trials = dict(zip(keys, map(_trial_of, members), strict=True))
     return ShearSeries(trials, tuple(_curve(trials, kind, friction, count, asked, error) for kind, friction in pairs))
 

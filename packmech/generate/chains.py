@@ -21,6 +21,7 @@ from packmech.generate.random import SizeDistribution, box_for, generator_of, sh
 from packmech.jit.compiled import kernel
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density
+from packmech.status import shown_as
 
 Point = tuple[float, ...]
 # a bond: the numbers of its beads, where it starts, its vector, and the image of its second bead (none: the first one)
@@ -585,6 +586,7 @@ _MINIMUM_BEND = 1e-6
 _Pair = tuple[int, int, tuple[int, ...]]
 
 
+@shown_as("growing chains")
 def chain_packing(
     count: int,
     beads: int,

@@ -18,11 +18,13 @@ from packmech.generate.random import Monodisperse, SizeDistribution, box_for, ge
 from packmech.honors import honors
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density, no_own_images
+from packmech.status import shown_as
 
 # positions tried for a cluster of a packing before it may overlap others by so much more
 _TRIES, _MORE = 50, 0.05
 
 
+@shown_as("placing clusters")
 def cluster_packing(
     count: int,
     shape: Shape,
@@ -145,6 +147,7 @@ def cluster_packing(
     return Packing(position.reshape(-1, dimension), radius_n, scaled, links, mass_n).wrapped()
 
 
+@shown_as("placing clusters")
 @honors("links shapes", packing_only=True)
 def scattered_packing(
     packing: Packing,

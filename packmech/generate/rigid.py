@@ -14,6 +14,7 @@ from packmech.honors import honors
 from packmech.links import image_offsets
 from packmech.packing import Packing
 from packmech.shapes import Beads
+from packmech.status import shown_as
 
 # components of places smaller than this, relative to the body's radius, have no sign
 _NO_SIDE = 1e-6
@@ -85,6 +86,7 @@ def orientation_of(frame_dd: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(rows[k]) / (2.0 * math.sqrt(found[k]))
 
 
+@shown_as("placing bodies")
 @honors("links", packing_only=True)
 def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
     """Return the packing whose particles are rigid bodies of discs or spheres: dimers, n-mers, any union of them.

@@ -38,6 +38,7 @@ from packmech.measure.rattlers import without
 from packmech.mechanics.hessian import is_stable
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The
 # condition is P N^2 << 1; 53 of 60 packings had no surplus contact at 0.04, 13 of 20 at 0.7, none at 10.)
@@ -212,6 +213,7 @@ STRICT_STRAINS: tuple[BoxStrain, ...] = ("free", "isochoric")
 BOUNDS = ("ball", "box")
 
 
+@shown_as("is it jammed?")
 @honors("repulsion links shapes", at_rest=True)
 def classify_jamming(
     packing: Packing | Scene,

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import BoxStrain, finite_array, function, instance, integer, one_of, positive
+from packmech.check import BoxStrain, finite_array, instance, integer, one_of, positive
 from packmech.constraints.factor import link_pairs
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts, find_contacts
@@ -33,6 +33,7 @@ from packmech.measure.stress import energy
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing, no_own_images
 from packmech.scene import Scene
+from packmech.status import Progress, check_progress, is_watched, shows
 
 # what is left of a step where contacts hold a motion up [1]
 _STANDSTILL = 0.02
@@ -392,7 +393,7 @@ def play_motion(
     strain_dd: ArrayLike | None = None,
     strain: BoxStrain = "free",
     overlap_tolerance: float = 1e-9,
-    progress: Any = None,
+    progress: Progress = None,
 ) -> PlayedMotion:
     """Return a motion taken to finite amplitude, step by step, by particles that are hard.
 
@@ -452,8 +453,7 @@ def play_motion(
     steps = integer("steps", steps, at_least=1)
     one_of("strain", strain, ("free", "isochoric"))
     overlap_tolerance = positive("overlap_tolerance", overlap_tolerance)
-    if progress is not None:
-        function("progress", progress)
+    check_progress(progress)
     selection = select_contacts(packing, None)
     rattling = rattling_particles(packing, selection.contacts)
     backbone = np.flatnonzero(rattling.all() | ~rattling)
@@ -476,8 +476,8 @@ def play_motion(
     direction = direction.times(packing.reference_diameter / unit)
     player = _Player(packing, effects, direction, rules, selection, start)
     try:
-        with safe_interrupts(), single_thread():
-            outcome, reason = player.play(amplitude, steps, progress)
+        with safe_interrupts(), single_thread(), shows("motion", progress) as report:
+            outcome, reason = player.play(amplitude, steps, report if is_watched(progress) else None)
     except KeyboardInterrupt as stop:
         stop.run = player.played(INTERRUPTED, "stopped from outside")  # type: ignore[attr-defined]
         raise
@@ -551,7 +551,7 @@ class _Player:
             self.direction_t.append(direction)
             self.amplitude_t.append(self.amplitude_t[-1] + way)
             step = min(2.0 * step, whole)
-            if progress is not None:
+            if callable(progress):
                 figures = {"steps": len(self.packing_t) - 1, "amplitude": self.amplitude_t[-1]}
                 progress("play", figures | {"closing": self.rules.closing(ahead), "packing": ahead})
         return UNFINISHED, "contacts shortened so many steps that the amplitude was not reached"

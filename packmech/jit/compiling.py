@@ -11,17 +11,15 @@ from typing import Any
 from numba.core import event
 
 from packmech.jit.cache import KernelCache
+from packmech.status import is_read
 
 # The compiler makes many small objects that refer to each other and are needed until it is done: to look through them
 # for garbage as often as Python does by itself takes a sixth of the time, and finds next to none.
 _OBJECTS_BETWEEN_COLLECTIONS = 100_000
 # a shorter wait is not worth a line [s]
 _PATIENCE = 0.5
-
-
-def _is_read(stream: Any) -> bool:
-    """Whether somebody reads along: a terminal, or the cell of a notebook."""
-    return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel."))
+# nor one of this length where nobody reads along, as in a batch job [s]
+_UNREAD = 10.0
 
 
 class CompileListener(event.Listener):  # type: ignore[misc]
@@ -43,9 +41,10 @@ class CompileListener(event.Listener):  # type: ignore[misc]
         if 0 < threshold[0] < _OBJECTS_BETWEEN_COLLECTIONS:
             self._threshold = threshold
             gc.set_threshold(_OBJECTS_BETWEEN_COLLECTIONS, *threshold[1:])
-        if not self._told and _is_read(sys.stderr):
+        if not self._told:
+            patience = _PATIENCE if is_read(sys.stderr) else _UNREAD
             self._began = time.perf_counter()
-            self._timer = threading.Timer(max(_PATIENCE - self._spent, 0.0), self._tell)
+            self._timer = threading.Timer(max(patience - self._spent, 0.0), self._tell)
             self._timer.daemon = True
             self._timer.start()
 

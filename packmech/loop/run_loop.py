@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from packmech.check import function, instance, integer, positive
+from packmech.check import instance, integer, positive
 from packmech.jit.compiled import compile_clock
 from packmech.jit.interrupts import held_interrupts, safe_interrupts
 from packmech.loop.checkpoint import check_path
 from packmech.result import NotConverged, Outcome, Run
+from packmech.status import Progress, Report, check_progress, is_watched, shows
 
-Progress = Callable[[str, dict[str, Any]], None]
 R = TypeVar("R", bound=Run)
 
 # CPU time between two readings of the clock that is aimed at [s]
@@ -50,7 +50,7 @@ class RunSettings:
     threads
         Number of threads.
     progress
-        Called as progress(stage, figures).
+        Called as progress(stage, figures); None shows a line in a terminal or notebook, False nothing.
     check
         Whether whatever is no success raises NotConverged.
 
@@ -61,7 +61,7 @@ class RunSettings:
     checkpoint: Path | None = None
     checkpoint_every: int | None = None
     threads: int = 1
-    progress: Progress | None = None
+    progress: Progress = None
     check: bool = True
 
 
@@ -92,8 +92,6 @@ def run_settings(
     ValueError: threads must be an integer at least 1, got 0
 
     """
-    if progress is not None:
-        function("progress", progress)
     instance("check", check, bool)
     if checkpoint_every is not None:
         integer("checkpoint_every", checkpoint_every, at_least=1)
@@ -107,7 +105,7 @@ def run_settings(
         None if checkpoint is None else check_path(checkpoint),
         checkpoint_every,
         integer("threads", threads, at_least=1),
-        progress,
+        check_progress(progress),
         check,
     )
 
@@ -150,9 +148,15 @@ class RunLoop:
         self.settings = settings
         self.deadline = time.process_time() + settings.time_limit
         self.compiling: Callable[[], float] = lambda: 0.0
+        self._watch: Report = settings.progress if callable(settings.progress) else lambda stage, figures: None
         # writes the checkpoint of the task that is being stepped
         self._save: Callable[[], None] | None = None
         self._written = time.monotonic()
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody is told what the run does."""
+        return is_watched(self.settings.progress)
 
     @property
     def late(self) -> bool:
@@ -170,9 +174,8 @@ class RunLoop:
             raise TimeUp
 
     def report(self, stage: str, **figures: Any) -> None:
-        """Call the progress callback, if there is one."""
-        if self.settings.progress is not None:
-            self.settings.progress(stage, figures)
+        """Report a stage to whoever watches."""
+        self._watch(stage, figures)
 
     def advance(self, task: Task, save: Callable[[], None] | None = None) -> Outcome:
         """Step a task to its end or to a limit; return how it ended.
@@ -211,10 +214,10 @@ class RunLoop:
                 # the state after a step that was too long is no state to go on from
                 self._save = None if outcome is Outcome.STEP_TOO_LONG else save
                 return outcome
-            if observed and self.settings.progress is not None:
+            if observed:
                 figures = task.figures()
                 if figures is not None:
-                    self.settings.progress(*figures)
+                    self._watch(*figures)
             if self.late and not isinstance(task.next_stop(), Outcome):
                 return Outcome.TIME_LIMIT
 
@@ -261,7 +264,7 @@ class RunLoop:
         self._save, failure = None, None
         with safe_interrupts():
             try:
-                with compile_clock() as self.compiling:
+                with compile_clock() as self.compiling, shows("running", self.settings.progress) as self._watch:
                     try:
                         outcome = work()
                     except TimeUp:

@@ -44,6 +44,7 @@ from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images, no_tangential
 from packmech.result import Outcome
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 # singular values below this fraction of the largest are zero
 _RANK = 1e-5
@@ -258,6 +259,7 @@ class Rattling:
         return bool(self.rattling_n.all())
 
 
+@shown_as("rattling clusters")
 @honors("links", packing_only=True, shaped="pm.find_rattlers")
 def find_rattling_clusters(
     packing: Packing, *, gap_tolerance: float | None = None, contacts: Contacts | None = None

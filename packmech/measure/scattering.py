@@ -22,6 +22,7 @@ from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
 from packmech.measure.structure import species_of
 from packmech.packing import Packing
+from packmech.status import shown_as
 
 # particles at a time: the phases of their places then stay in the cache
 _BLOCK = 64
@@ -207,6 +208,7 @@ def wave_indices(box: Box, k_max: float, *, half: bool = False) -> NDArray[np.in
     return np.ascontiguousarray(index[np.lexsort((*index.T[::-1], level))])
 
 
+@shown_as("structure factor")
 @honors("links shapes", packing_only=True)
 def structure_factor(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float64]:
     """Return the (K,) structure factors |sum of exp(i k . x)|^2 / N of the centers, the self term included [1].
@@ -261,6 +263,7 @@ class PartialStructureFactors:
         return f"PartialStructureFactors: {len(self.radius_s)} species, {self.value_ssk.shape[2]} wave vectors"
 
 
+@shown_as("structure factors")
 @honors("links shapes", packing_only=True)
 def partial_structure_factors(packing: Packing, index_kd: ArrayLike) -> PartialStructureFactors:
     """Return the structure factors of the species of a mixture, rho_a conj(rho_b) / N.
@@ -298,6 +301,7 @@ def _form(q: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
     return np.where(q == 0.0, 1.0, bessel / safe)
 
 
+@shown_as("spectral density")
 @honors("links shapes", packing_only=True)
 def spectral_density(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float64]:
     """Return the (K,) spectral densities of what particles fill, |sum of v m(k) exp(i k . x)|^2 / V [length^d].

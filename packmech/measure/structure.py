@@ -20,6 +20,7 @@ from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.packing import DISCRETE_SIZES, Packing
+from packmech.status import shown_as
 
 # a distance this near below the edge of a bin lies on it: shells of crystals are not split by rounding
 _ON_EDGE = 1e-12
@@ -206,6 +207,7 @@ class PairDistribution:
         )
 
 
+@shown_as("pair distribution")
 @honors("links shapes", packing_only=True)
 def pair_distribution(packing: Packing, r_max: float | None = None, bins: int = 60) -> PairDistribution:
     """Return the pair distribution function of the centers, and the partial ones of a mixture.
@@ -404,6 +406,7 @@ class CorrelationLength:
         return f"CorrelationLength: {self.length:.4g} +- {self.error:.2g}, through {len(self.r_m)} maxima"
 
 
+@shown_as("correlation length")
 def correlation_length(
     r_b: ArrayLike,
     value_b: ArrayLike,

@@ -51,6 +51,7 @@ from packmech.mechanics.relaxation import general_factors
 from packmech.mechanics.system import across_bonds, closed_terms, single_second
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 MODES = ("shear", "uniaxial", "isotropic")
 # largest net force over the mean force at which a scene counts as being at rest
@@ -198,6 +199,7 @@ def _touching(scene: Scene, found: Contacts | ShapeContacts) -> tuple[Elements, 
         "held": "give those that follow the box as held_n",
     },
 )
+@shown_as("complex modulus")
 def complex_modulus(
     scene: Scene,
     frequency_f: ArrayLike,

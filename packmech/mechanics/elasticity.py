@@ -35,6 +35,7 @@ from packmech.mechanics.linked_systems import SOFT, linked_system, negative_moti
 from packmech.mechanics.relaxation import RelaxedStrains, relax
 from packmech.mechanics.system import System, bordered, system_of
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
 _INCONSISTENT = 1e-6
@@ -451,6 +452,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
     return kept
 
 
+@shown_as("elastic moduli")
 @honors("repulsion friction bonds interactions links shapes", at_rest=True)
 def elastic_moduli(
     scene: Scene,
@@ -674,6 +676,7 @@ _ZERO = 1e-10
 _CARRIES = 1e-6
 
 
+@shown_as("compliance")
 @honors("repulsion bonds interactions links shapes", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,

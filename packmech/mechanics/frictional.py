@@ -35,6 +35,7 @@ from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 # kinds of stiffness
 _KINDS: tuple[Kind, ...] = ("exact", "unstressed")
@@ -286,6 +287,7 @@ class FrictionalModes:
         return np.asarray(np.abs(self.eigenvalue_m) <= _ZERO * self.largest)
 
 
+@shown_as("frictional modes")
 @honors("repulsion friction bonds interactions links shapes", at_rest=True)
 def frictional_modes(
     scene: Scene,

@@ -30,6 +30,7 @@ from packmech.mechanics.linked_systems import (
 )
 from packmech.mechanics.system import System, bordered, system_of
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 CURVATURES = ("det", "trace")
 
@@ -235,6 +236,7 @@ def dynamical_matrix(
     at_rest=True,
     rough="pm.stiffness_matrix",
 )
+@shown_as("energy of perturbations")
 def perturbation_energy(
     scene: Scene,
     displacement_nd: ArrayLike,

@@ -25,6 +25,7 @@ from packmech.mechanics.linked_systems import Operator, link_motions, operator_o
 from packmech.mechanics.network import Network
 from packmech.mechanics.system import bordered, system_of
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 METHODS = ("auto", "dense", "shift-invert")
 # the shift lies this far below zero, in units of (a bound on) the largest eigenvalue
@@ -130,6 +131,7 @@ class Modes:
     at_rest=True,
     rough="pm.frictional_modes",
 )
+@shown_as("normal modes")
 def normal_modes(
     scene: Scene,
     count: int | None = None,
@@ -509,6 +511,7 @@ class StateDensity:
     at_rest=True,
     rough="pm.frictional_modes",
 )
+@shown_as("density of states")
 def density_of_states(
     source: Modes | Scene,
     bins: int | ArrayLike = 50,

@@ -25,6 +25,7 @@ from packmech.mechanics.system import system_of
 from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.shapes import Beads
+from packmech.status import shown_as
 
 # largest memory of the modes [bytes]
 _BASIS_BYTES = 3e9
@@ -84,6 +85,7 @@ class QuarticModes:
         )
 
 
+@shown_as("quartic modes")
 @honors("repulsion shapes", at_rest=True)
 def quartic_modes(
     scene: Scene,

@@ -31,6 +31,7 @@ from packmech.mechanics.linked_systems import rows_on
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing
+from packmech.status import shown_as
 
 METHODS = ("auto", "dense", "sparse")
 # singular values below this fraction of the largest are zero (1e-10 in eigenvalues of A^T A)
@@ -272,6 +273,7 @@ def _null_space(
     return rank, certain, count, basis
 
 
+@shown_as("states of self stress")
 @honors("links shapes", packing_only=True)
 def states_of_self_stress(
     packing: Packing,
@@ -334,6 +336,7 @@ def states_of_self_stress(
     )  # fmt: skip
 
 
+@shown_as("floppy modes")
 @honors("links shapes", packing_only=True)
 def floppy_modes(
     packing: Packing,

@@ -23,7 +23,7 @@ from packmech.effects import (
 )
 from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
-from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.loop.run_loop import RunLoop, RunSettings, run_settings
 from packmech.mechanics.stability import Stability, stability
 from packmech.minimize.bodies_apart import report_of_bodies, separate
 from packmech.minimize.first_order.fire import Fire
@@ -36,6 +36,7 @@ from packmech.observables import State, measure_added
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
+from packmech.status import Progress
 
 # the default route hands over to Newton's method here, where contacts no longer change
 _HAND_OVER = 1e-6
@@ -68,7 +69,7 @@ def quench(
     trace_every: int | None = None,
     trace_positions: bool = False,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> Run:
     """Return the run to a minimum of the energy in the box as it is.

@@ -16,7 +16,7 @@ from packmech.generate.random import generator_of
 from packmech.generate.rigid import beads_of, body_of
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.loop.run_loop import RunLoop, RunSettings, run_settings
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
@@ -25,6 +25,7 @@ from packmech.protocols.protocol import Protocol, check_jammed, finish, in_turn,
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
+from packmech.status import Progress
 
 # growth of the packing fraction in each step of compression, net force over mean contact force at which FIRE stops in
 # each box, and its maximum number of steps
@@ -58,7 +59,7 @@ def anneal_shape(
     strain: BoxStrain = "isotropic",
     force_tolerance: float = 1e-5,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> tuple[Run, ...]:
     """Return one run for each aspect: a jammed packing whose particles change their shape, jammed again each time.
@@ -183,7 +184,7 @@ def tap(
     strain: BoxStrain = "isotropic",
     force_tolerance: float = 1e-5,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> tuple[Run, ...]:
     """Return one run for each tap of a jammed packing: particles are kicked at random, then the packing jams again.
@@ -263,7 +264,7 @@ def tap(
         return again.jam(shaken, {"tap": count, "amplitude": float(amplitude)})
 
     def reported(count: int, run: Run) -> None:
-        if progress is not None:
+        if callable(progress):
             figures = {"packing": run.packing, "packing_fraction": run.report["packing_fraction"]}
             progress("tap", {"tap": count, **figures})
 

@@ -29,6 +29,7 @@ from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.system import assembled_system, bordered, closed_terms
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 FREEZE = ("angles", "clusters", "nothing")
 ORDERS = ("random", "aggregate")
@@ -564,6 +565,7 @@ def _inverse(compliance: float) -> float:
     return 1.0 / compliance if compliance > 0.0 else float("inf")
 
 
+@shown_as("cementing")
 @honors("repulsion links", at_rest=True)
 def cement(
     scene: Scene,

@@ -12,7 +12,7 @@ import numpy as np
 from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.contacts.pairs import pair_names
 from packmech.honors import honors
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.minimize.second_order.soft_network import isochoric_part
 from packmech.minimize.second_order.soft_newton import SoftState, find_bottom, judge, newton
 from packmech.packing import Packing, no_own_images
@@ -31,6 +31,7 @@ from packmech.protocols.protocol import (
 from packmech.protocols.soft import follow_pressure
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
+from packmech.status import Progress
 
 # first distance above the onset
 _FIRST = 1e-7
@@ -47,7 +48,7 @@ def compress(
     force_tolerance: float = 1e-9,
     iteration_limit: int = 2000,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> tuple[Run, ...]:
     """Return one run for each distance: the packing at packing fraction onset + distance, in balance.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -16,11 +15,10 @@ from packmech.protocols.method import registered_methods
 from packmech.protocols.shearing.shear_stabilize import shear_stabilize
 from packmech.result import Run
 from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
+from packmech.status import Progress
 
-Progress = Callable[[str, dict[str, Any]], None]
 
-
-def _quench(drive: QuenchDrive, scene: Scene, *, frames: int, progress: Progress | None) -> Run:
+def _quench(drive: QuenchDrive, scene: Scene, *, frames: int, progress: Progress) -> Run:
     return quench(
         scene,
         force_tolerance=drive.force_tolerance,
@@ -32,19 +30,19 @@ def _quench(drive: QuenchDrive, scene: Scene, *, frames: int, progress: Progress
     )
 
 
-def _jam(drive: JamDrive, scene: Scene, *, progress: Progress | None) -> Run:
+def _jam(drive: JamDrive, scene: Scene, *, progress: Progress) -> Run:
     return jam(scene, pressure=drive.pressure, strain=drive.strain, method=drive.method, progress=progress, check=False)
 
 
-def _shear_stabilize(drive: ShearStabilizeDrive, scene: Scene, *, progress: Progress | None) -> Run:
-    if progress is not None:
+def _shear_stabilize(drive: ShearStabilizeDrive, scene: Scene, *, progress: Progress) -> Run:
+    if callable(progress):
         progress("start", {"steps": 0, "packing": scene.packing})
     return shear_stabilize(
         scene, pressure=drive.pressure, force_tolerance=drive.force_tolerance, progress=progress, check=False
     )
 
 
-def _cement(drive: CementDrive, scene: Scene, *, progress: Progress | None) -> Run:
+def _cement(drive: CementDrive, scene: Scene, *, progress: Progress) -> Run:
     """Jam, then cement in several orders; their means at each step are in the report under "cementing".
 
     Reuss, Hill and Voigt averages, anisotropy and Poisson ratio end before the step at which a direction of strain has
@@ -56,7 +54,7 @@ def _cement(drive: CementDrive, scene: Scene, *, progress: Progress | None) -> R
     start = scene.replace(packing=run.packing)
     orders = []
     for order in range(drive.orders):
-        if progress is not None:
+        if callable(progress):
             progress("cementing", {"order": order + 1, "of": drive.orders})
         try:
             orders.append(cement(start, seed=drive.seed + order, step=drive.step, freeze=drive.freeze))

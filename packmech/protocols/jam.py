@@ -8,7 +8,7 @@ from dataclasses import replace
 from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.honors import declare
 from packmech.jit.blas import single_thread
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.method import JamMethod, held_columns
@@ -17,6 +17,7 @@ from packmech.protocols.program_chain import ProgramChain
 from packmech.protocols.protocol import Protocol, is_jammed, report_start
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
+from packmech.status import Progress
 
 # methods that ship, and what they honor; one of a user's may honor more
 _SHIPPED: tuple[type[JamMethod], ...] = (HardVertex, ProgramChain, Decompression, Press, StepHalving)
@@ -59,15 +60,15 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
 
 def jam(
     scene: Scene,
-    *,
     pressure: float | None = None,
+    *,
     strain: BoxStrain = "free",
     method: JamMethod | None = None,
     start: str = "continue",
     energy_tolerance: float | None = None,
     force_tolerance: float = 1e-5,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> Run:
     """Return the run that ends in a jammed packing at the pressure asked for.

@@ -135,12 +135,12 @@ class Protocol:
 
     def watcher(self, stage: str, *, reduced: bool) -> Callable[[Packing], None] | None:
         """Return what reports packings of a stage, in reduced lengths or not, and ends at the time limit; or None."""
-        settings = self.loop.settings
-        if settings.progress is None and np.isinf(settings.time_limit):
+        watched = self.loop.watched
+        if not watched and np.isinf(self.loop.settings.time_limit):
             return None
 
         def watch(packing: Packing) -> None:
-            if settings.progress is not None:
+            if watched:
                 self.loop.report(stage, packing=self.restored(packing) if reduced else packing)
             self.loop.check_time()
 
@@ -225,7 +225,7 @@ class Protocol:
             Fire() if method is None else method,
             goal,
             step_limit,
-            stop_every=stop_every if self.loop.settings.progress is None else min(stop_every, _WATCHED),
+            stop_every=min(stop_every, _WATCHED) if self.loop.watched else stop_every,
             keep=keep,
             describe=lambda steps: ("relaxation", {"steps": steps, "packing": self.last}),
         )

@@ -14,12 +14,13 @@ from packmech.dynamics.spans import Spans, with_dashpot
 from packmech.effects import refuse_free_fall
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.mechanics.stability import Stability, stability
 from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
+from packmech.status import Progress
 
 # time between two looks at the motion, over that of a contact
 _SPAN = 10.0
@@ -41,7 +42,7 @@ def settle(
     force_tolerance: float,
     step_limit: int = 20_000_000,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> Run:
     """Return the run to rest with friction, in the box as it is: under gravity, on particles that are held.

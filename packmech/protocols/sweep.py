@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from packmech.check import BoxStrain, finite_array, instance, one_of, positive
 from packmech.honors import honors
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.stress import stress_tensor
 from packmech.minimize.second_order.soft_network import Load
 from packmech.packing import no_own_images
@@ -17,6 +17,7 @@ from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, check_jammed, follow_series, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
+from packmech.status import Progress
 
 # largest difference of the two halves of a stress, over its largest component
 _SYMMETRIC = 1e-9
@@ -30,7 +31,7 @@ def sweep_pressure(
     strain: BoxStrain = "isotropic",
     force_tolerance: float = 1e-9,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> tuple[Run, ...]:
     """Return one run for each pressure: the jammed packing followed along its contact network, up or down.
@@ -101,7 +102,7 @@ def sweep_stress(
     *,
     force_tolerance: float = 1e-9,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> tuple[Run, ...]:
     """Return one run for each stress: the jammed packing whose box deforms until its stress is the one asked for.

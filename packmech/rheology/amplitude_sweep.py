@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import function
 from packmech.display import shown
 from packmech.honors import honors
-from packmech.loop.run_loop import Progress
 from packmech.measure.signals import softening_strain, yield_strain
 from packmech.result import NotConverged
 from packmech.rheology.arguments import Several, SeveralRuns, listed, listed_numbers, run_each, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
+from packmech.status import Report, check_progress
 
 
 @shown()
@@ -124,13 +123,12 @@ def amplitude_sweep(
     """
     asked = check_amplitudes(amplitudes)
     progress = common.get("progress")
-    if progress is not None:
-        function("progress", progress)
+    check_progress(progress)
     # one file for all of them
     file = runs_file(common.get("checkpoint"))
 
     def run(amplitude: float) -> OscillatoryShear:
-        reported = None if progress is None else named(progress, amplitude)
+        reported = named(progress, amplitude) if callable(progress) else progress
         given: Several = {**common, "progress": reported, "checkpoint": file}
         made = oscillatory_shear(
             scene,
@@ -152,7 +150,7 @@ def amplitude_sweep(
     return run_each(asked, run, lambda runs: _gathered(asked, runs))
 
 
-def named(progress: Progress, amplitude: float) -> Callable[[str, dict[str, Any]], None]:
+def named(progress: Report, amplitude: float) -> Report:
     """Return a progress function that hears of the amplitude as well."""
     return lambda stage, figures: progress(f"{stage} at amplitude {amplitude:g}", figures)
 

@@ -16,9 +16,10 @@ from packmech.check import instance, integer, positive
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
+from packmech.status import Progress
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")
@@ -30,7 +31,7 @@ class Stepping(TypedDict, total=False):
 
     dt: float | None
     method: Method | None
-    progress: Progress | None
+    progress: Progress
     checkpoint: str | os.PathLike[str] | RunsFile | None
 
 
@@ -123,7 +124,7 @@ def check_arguments(
     spin_nk: ArrayLike | None = None,
     held_n: ArrayLike | None = None,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     frames: int = 0,
     checkpoint: str | os.PathLike[str] | RunsFile | None = None,
     check: bool = True,

@@ -20,8 +20,7 @@ from packmech.rheology.steady import FlowCurve, creep, ramp_strain, steady_shear
 from packmech.rheology.strain_run import StrainRun
 from packmech.rheology.walls import rough_plates
 from packmech.scene import DriveCode, OscillatoryShearDrive, Scene, SimulateDrive
-
-Progress = Callable[[str, dict[str, Any]], None]
+from packmech.status import Progress
 
 # arguments of oscillatory shear that the periods at rest before it take, too
 _AT_REST = (
@@ -37,7 +36,7 @@ def follow(
     scene: Scene,
     *,
     frames: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = None,
     checkpoint: Path | None = None,
     **changes: Any,
 ) -> Simulation:
@@ -86,7 +85,7 @@ def follow(
 
 
 def _arguments(
-    drive: Any, scene: Scene, frames: int, progress: Progress | None, checkpoint: Path | RunsFile | None
+    drive: Any, scene: Scene, frames: int, progress: Progress, checkpoint: Path | RunsFile | None
 ) -> dict[str, Any]:
     """Return what a drive says to the call that it names: its fields."""
     named = {field.name: getattr(drive, field.name) for field in fields(drive)}
@@ -94,7 +93,7 @@ def _arguments(
 
 
 def _oscillatory_shear(
-    drive: OscillatoryShearDrive, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
+    drive: OscillatoryShearDrive, scene: Scene, *, frames: int, progress: Progress, checkpoint: Path | None
 ) -> OscillatoryShear:
     """Bring the scene to rest, then shear it; the run holds the steps of both, and what is wrong with the first."""
     # one file keeps the periods at rest and the shear, one after the other
@@ -132,7 +131,7 @@ def _strained(call: Callable[..., Any]) -> Callable[..., Any]:
     """Return what follows a drive by the call that it names."""
 
     def follow_it(
-        drive: Any, scene: Scene, *, frames: int, progress: Progress | None, checkpoint: Path | None
+        drive: Any, scene: Scene, *, frames: int, progress: Progress, checkpoint: Path | None
     ) -> FlowCurve | StrainRun:
         made: FlowCurve | StrainRun = call(scene, **_arguments(drive, scene, frames, progress, checkpoint), check=False)
         return made

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from packmech.check import function, instance, integer
+from packmech.check import instance, integer
 from packmech.scene import Scene, drive_code
+from packmech.status import Progress, check_progress
 
 
 def takes_checkpoint(scene: Scene) -> bool:
@@ -21,7 +21,7 @@ def run(
     scene: Scene,
     *,
     frames: int = 0,
-    progress: Callable[[str, dict[str, Any]], None] | None = None,
+    progress: Progress = None,
     checkpoint: str | os.PathLike[str] | None = None,
 ) -> Any:
     """Return the run that the scene's drive describes, as `packmech run` does; what it reached is not checked.
@@ -55,8 +55,7 @@ def run(
     if scene.drive is None:
         raise ValueError("scene must have a drive to be run, got none")
     integer("frames", frames, at_least=0)
-    if progress is not None:
-        function("progress", progress)
+    check_progress(progress)
     if checkpoint is not None and not takes_checkpoint(scene):
         raise ValueError(f"checkpoint must be left out for a drive that does not step through time, got {checkpoint!r}")
     wanted = {

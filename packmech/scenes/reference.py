@@ -88,7 +88,7 @@ def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str]
     try:
         hints = typing.get_type_hints(
             maker.__init__ if inspect.isclass(maker) and not hasattr(maker, "_fields") else maker
-        )  # type: ignore[misc]
+        )
     except (NameError, TypeError):
         hints = {}
     meaning = dict(meanings_of(maker))

@@ -66,6 +66,7 @@ from packmech.effects import Bonds, law_of, registered_effects, registered_laws
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
     Errors,
+    Kinds,
     OpenKinds,
     TableError,
     from_table,
@@ -307,7 +308,7 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         entries = []
     laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
     acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
-    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    nested: dict[str, Kinds] = dict.fromkeys(("law", "compression", "tension"), laws)
     # each effect beside its place; bonds are made once the packing is there
     effects: list[Any] = []
     bonded: dict[int, dict[str, Any]] = {}
@@ -339,8 +340,9 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
 
 
 def _drive(table: Any) -> Any:
-    kinds = OpenKinds(registered_drives(), "pm.drive")
-    cls = kinds.get(table.get("kind", "")) if isinstance(table, dict) else None
+    drives = registered_drives()
+    kinds = OpenKinds(drives, "pm.drive")
+    cls = drives.get(table.get("kind", "")) if isinstance(table, dict) else None
     # what may stand there, the code of the drive knows; where no method is named it need not be imported
     nested = {}
     if cls is not None and "method" in table:

@@ -17,6 +17,7 @@ from packmech.check import instance, integer, one_of
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
+from packmech.status import shown_as
 from packmech.view import drawing
 from packmech.view.trajectory import Curve, DrawnFrame, PackingFrame, Trajectory, draw_moving, trajectory_of_run
 
@@ -84,6 +85,7 @@ def hollow_marker() -> Any:
     return _matplotlib().Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none")
 
 
+@shown_as("pictures")
 def write_pictures(
     run: Run, folder: str | os.PathLike[str], *, scene: Scene, frames: int = 200, format: str = "png"
 ) -> tuple[Path, ...]:

@@ -32,6 +32,7 @@ from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Discs, Spheroids
+from packmech.status import shown_as
 from packmech.view import drawing
 from packmech.view.trajectory import (
     Curve,
@@ -439,6 +440,7 @@ BLOCK_NUMBERS = 250_000
 NOW = (255, 96, 96)
 
 
+@shown_as("recording")
 def record_packing(
     subject: Packing | Scene,
     path: str | Path,
@@ -500,6 +502,7 @@ def record_packing(
     return _write(trajectory, path, motions, parameters, found, summary)
 
 
+@shown_as("recording")
 def record_run(
     run: Run,
     path: str | Path,
@@ -754,6 +757,7 @@ FAR = 0.6
 ARROW, ARROW_LENGTH, ARROW_WIDTH = (84, 222, 232), 0.6, 0.035
 
 
+@shown_as("recording")
 def record_motion(
     played: PlayedMotion,
     path: str | Path,

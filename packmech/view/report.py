@@ -30,6 +30,7 @@ from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
 from packmech.scene import Scene
+from packmech.status import shown_as
 
 # what a part of the examination may raise for a packing that does not allow it; the other parts still count
 REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)
@@ -68,6 +69,7 @@ class ReportFigure:
 REPORT_FIGURES: dict[str, ReportFigure] = {}
 
 
+@shown_as("figure")
 def report_figure(*, unit: str = "", label: str = "") -> Callable[[ReportFunction], ReportFunction]:
     """Return a decorator that adds a function of a scene to the reports of packings.
 

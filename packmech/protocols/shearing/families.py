@@ -22,7 +22,7 @@ from packmech.effects import Harmonic, Repulsion
 from packmech.honors import honors
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, search_hard, start_state
 from packmech.jit.blas import single_thread
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure as pressure_of
 from packmech.minimize.second_order.soft_network import length_unit
@@ -36,6 +36,7 @@ from packmech.protocols.shearing.hard_path import Change, HardPath, Vertex
 from packmech.protocols.shearing.hard_shapes import HardShapes
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
+from packmech.status import Progress
 
 # a jammed packing is as near as this to its hard packing [mean diameter], and its volume [1]
 _NEARBY, _DENSER = 0.1, 0.01
@@ -209,7 +210,7 @@ def shear_families(
     pressure: float = 1e-5,
     keep: Iterable[float] = (),
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> ShearFamilies:
     """Return the run of a jammed packing whose box is sheared at zero pressure: its families and what parts them.

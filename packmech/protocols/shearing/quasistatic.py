@@ -17,7 +17,7 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.loop.run_loop import Progress, RunLoop, RunSettings, run_settings
+from packmech.loop.run_loop import RunLoop, RunSettings, run_settings
 from packmech.measure.counting import packing_fraction
 from packmech.measure.rattlers import find_rattlers
 from packmech.observables import Table, make_table
@@ -27,6 +27,7 @@ from packmech.protocols.protocol import Protocol, check_jammed, finish
 from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
+from packmech.status import Progress
 
 _COLUMNS = (
     "strain", "shear_stress", "pressure", "packing_fraction", "energy", "work", "modulus", "contacts", "network",
@@ -254,7 +255,7 @@ def quasistatic_shear(
     locate: str = "first",
     force_tolerance: float = 1e-9,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> QuasistaticShear:
     """Return the run of a jammed packing that is sheared in small steps, in equilibrium after each.
@@ -338,7 +339,7 @@ def cyclic_shear(
     pressure: float | None = None,
     force_tolerance: float = 1e-9,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> tuple[QuasistaticShear, ...]:
     """Return one run for each cycle of shear of a jammed packing: to the amplitude, to its negative, and back to zero.

@@ -14,10 +14,11 @@ from packmech.dynamics.integrators import choose_time_step, stiffness_and_dampin
 from packmech.dynamics.spans import Spans
 from packmech.effects import BackgroundDamping
 from packmech.honors import honors
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
+from packmech.status import Progress
 
 # time of a span over that of a contact, and fraction of the shortest time of a contact that a step takes
 _SPAN, _STEP = 10.0, 0.15
@@ -41,7 +42,7 @@ def shear_jam(
     axes: tuple[int, int] = (0, 1),
     step_limit: int = 20_000_000,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> Run:
     """Return the run of a scene that is sheared at constant volume, in small steps, until it bears a pressure at rest.

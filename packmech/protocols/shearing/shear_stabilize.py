@@ -7,13 +7,14 @@ import time
 from packmech.check import instance, integer, positive
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
-from packmech.loop.run_loop import Progress, RunLoop, run_settings
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.minimize.second_order.soft_newton import SoftState, judge, newton
 from packmech.packing import Packing
 from packmech.protocols.linked_jam import stabilize_linked
 from packmech.protocols.protocol import Protocol, finish
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
+from packmech.status import Progress
 
 _FIRST_TOLERANCE = 1e-2
 _TIGHTER = 0.03
@@ -27,7 +28,7 @@ def shear_stabilize(
     force_tolerance: float = 1e-10,
     step_limit: int = 200_000,
     time_limit: float | None = None,
-    progress: Progress | None = None,
+    progress: Progress = None,
     check: bool = True,
 ) -> Run:
     """Return the run that ends in a packing whose forces balance and whose stress is isotropic.
