@@ -22,7 +22,7 @@ _FEW = 6
 Row = tuple[str, str, str]
 
 # small pictures of what can be seen; drawn in a room above, found by its name when a notebook asks
-_PICTURE = "packmech.view.plot:picture_of"
+_PICTURE = "packmech.plotting:picture_of"
 
 
 def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:

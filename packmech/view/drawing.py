@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -352,6 +352,42 @@ def sites_of(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[
     place_bd = center_kd[of_b] + bodies.arms(packing.radius_n)[site_b]
     shown = along[site_b], across[site_b], bodies.axis_bd[site_b], owner_k[of_b]
     return Sites(place_bd, *shown, round=not isinstance(bodies, Spheroids))
+
+
+def projected(place_kd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places across, up, and toward the eye."""
+    if place_kd.shape[-1] == 2:
+        return np.concatenate([place_kd, np.zeros((*place_kd.shape[:-1], 1))], axis=-1)
+    return np.asarray(place_kd @ view_axes())
+
+
+class Outlines(NamedTuple):
+    """What is seen of particles: (K, 3) places across, up and toward the eye, axes of ellipses [length] and angles.
+
+    angle_k are those of the first axes [degrees], owner_k whose outlines they are.
+    """
+
+    place_ks: NDArray[np.float64]
+    width_k: NDArray[np.float64]
+    height_k: NDArray[np.float64]
+    angle_k: NDArray[np.float64]
+    owner_k: NDArray[np.int64]
+
+    def taken(self, order_k: NDArray[np.int64]) -> Outlines:
+        """Return them in another order."""
+        place, width, height, angle, owner = (one[order_k] for one in self)
+        return Outlines(place, width, height, angle, owner.astype(np.int64))
+
+
+def seen_outlines(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64]) -> Outlines:
+    """Return what particles, or the beads of bodies, with centers at these places look like from where the eye is."""
+    sites = sites_of(packing, center_kd, owner_k)
+    axis_ks = projected(sites.axis_bd)[:, :2]
+    # a spheroid seen from afar is an ellipse, as long as its axis is seen
+    square = (sites.along_b**2 - sites.across_b**2) * (axis_ks**2).sum(axis=1)
+    width_k, height_k = 2.0 * np.sqrt(sites.across_b**2 + square), 2.0 * sites.across_b
+    angle_k = np.degrees(np.arctan2(axis_ks[:, 1], axis_ks[:, 0])) * (sites.along_b != sites.across_b)
+    return Outlines(projected(sites.place_bd), width_k, height_k, angle_k, sites.owner_b)
 
 
 def orientations(axis_bd: NDArray[np.float64]) -> NDArray[np.float64]:

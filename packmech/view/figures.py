@@ -8,10 +8,9 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.packing import Packing
@@ -45,10 +44,10 @@ DIM = 0.35
 
 
 @cache
-def _matplotlib() -> SimpleNamespace:
+def matplotlib_parts() -> SimpleNamespace:
     """Return what is used of matplotlib, which takes long to import: not before the first figure is drawn."""
     import matplotlib
-    from matplotlib import collections, figure, lines, ticker
+    from matplotlib import cm, collections, colors, figure, lines, ticker
     from matplotlib.backends import backend_agg
     from PIL import Image
 
@@ -58,17 +57,29 @@ def _matplotlib() -> SimpleNamespace:
         FigureCanvasAgg=backend_agg.FigureCanvasAgg,
         EllipseCollection=collections.EllipseCollection,
         LineCollection=collections.LineCollection,
+        Normalize=colors.Normalize,
+        ScalarMappable=cm.ScalarMappable,
         Line2D=lines.Line2D,
         NullFormatter=ticker.NullFormatter,
         Image=Image,
+        colormaps=matplotlib.colormaps,
+        to_rgb=colors.to_rgb,
     )
+
+
+def new_axes(size: tuple[float, float]) -> Any:
+    """Return the axes of a new figure of pyplot of this size [inch], which notebooks show, in the one style."""
+    from matplotlib import pyplot
+
+    with matplotlib_parts().rc_context(STYLE):
+        return pyplot.subplots(figsize=size, layout="constrained")[1]
 
 
 @contextmanager
 def styled_figure(path: Path, size: tuple[float, float]) -> Iterator[Any]:
     """Give a figure of this size [inch] in the one style, and write it to the path at the end."""
-    with _matplotlib().rc_context(STYLE):
-        figure = _matplotlib().Figure(figsize=size, layout="constrained")
+    with matplotlib_parts().rc_context(STYLE):
+        figure = matplotlib_parts().Figure(figsize=size, layout="constrained")
         yield figure
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=150, metadata={"Software": None} if path.suffix == ".png" else None)
@@ -77,12 +88,12 @@ def styled_figure(path: Path, size: tuple[float, float]) -> Iterator[Any]:
 def label_settings(axes: Any, settings: Sequence[float]) -> None:
     """Write these settings along the x axis in plain numbers, and nothing between them."""
     axes.set_xticks(settings, [f"{one:g}" for one in settings], minor=False)
-    axes.xaxis.set_minor_formatter(_matplotlib().NullFormatter())
+    axes.xaxis.set_minor_formatter(matplotlib_parts().NullFormatter())
 
 
 def hollow_marker() -> Any:
     """Return the marker of the legend that stands for hollow points."""
-    return _matplotlib().Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none")
+    return matplotlib_parts().Line2D([], [], color="#666666", marker="o", markerfacecolor="none", linestyle="none")
 
 
 @shown_as("pictures")
@@ -144,24 +155,6 @@ def write_pictures(
     )
 
 
-class _Outlines(NamedTuple):
-    """What is seen of particles: (K, 3) places across, up and toward the eye, axes of ellipses [length] and angles.
-
-    angle_k are those of the first axes [degrees], owner_k whose outlines they are.
-    """
-
-    place_ks: NDArray[np.float64]
-    width_k: NDArray[np.float64]
-    height_k: NDArray[np.float64]
-    angle_k: NDArray[np.float64]
-    owner_k: NDArray[np.int64]
-
-    def taken(self, order_k: NDArray[np.int64]) -> _Outlines:
-        """Return them in another order."""
-        places = self.place_ks[order_k], self.width_k[order_k], self.height_k[order_k], self.angle_k[order_k]
-        return _Outlines(*places, self.owner_k[order_k])
-
-
 class _RunPicture:
     """One figure on which every frame is drawn in its turn: axes and curves stay, the packing changes."""
 
@@ -171,13 +164,13 @@ class _RunPicture:
         bare = self.packing.replace(links=None)
         self.color_nc = drawing.particle_colors(bare, trajectory.effects, None, trajectory.held_n) / 255.0
         self.flat = self.packing.dimension == 2
-        self.figure = _matplotlib().Figure(figsize=SIZE, dpi=DOTS, facecolor=PAPER)
-        self.canvas = _matplotlib().FigureCanvasAgg(self.figure)
+        self.figure = matplotlib_parts().Figure(figsize=SIZE, dpi=DOTS, facecolor=PAPER)
+        self.canvas = matplotlib_parts().FigureCanvasAgg(self.figure)
         self.axes = self.figure.add_axes((0.01, 0.02, 0.64, 0.9), facecolor=PAPER)
         self.axes.set_axis_off()
         boxes = [drawing.shown_box(one.packing.box)[0] for one in trajectory.frames]
         corners = [drawing.box_outline(box) for box in boxes]
-        place_kd = np.concatenate([self._projected(np.concatenate(lines))[:, :2] for lines in corners])
+        place_kd = np.concatenate([drawing.projected(np.concatenate(lines))[:, :2] for lines in corners])
         pad = 2.2 * float(self.packing.shapes.reach(self.packing.radius_n).max())
         low, high = place_kd.min(axis=0) - pad, place_kd.max(axis=0) + pad
         self.axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
@@ -213,12 +206,6 @@ class _RunPicture:
         for spine in axes.spines.values():
             spine.set_color("#4a5260")
         return axes
-
-    def _projected(self, place_kd: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return places across, up, and toward the eye."""
-        if place_kd.shape[-1] == 2:
-            return np.concatenate([place_kd, np.zeros((*place_kd.shape[:-1], 1))], axis=-1)
-        return np.asarray(place_kd @ drawing.view_axes())
 
     def write(self, frame: PackingFrame, path: Path, format: str) -> Path:
         """Draw a frame and write it."""
@@ -261,11 +248,13 @@ class _RunPicture:
             dot.axes.draw_artist(dot)
         self.title.set_visible(True)
         self.figure.draw_artist(self.title)
-        _matplotlib().Image.fromarray(np.asarray(self.canvas.buffer_rgba())).convert("RGB").save(path, compress_level=4)
+        matplotlib_parts().Image.fromarray(np.asarray(self.canvas.buffer_rgba())).convert("RGB").save(
+            path, compress_level=4
+        )
 
     def _write_svg(self, path: Path) -> None:
         # the same run writes the same file
-        with _matplotlib().rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):
+        with matplotlib_parts().rc_context({"svg.hashsalt": STYLE["svg.hashsalt"]}):
             self.figure.savefig(path, format="svg", metadata={"Date": None})
 
     def _at(self, frame: PackingFrame, start: str) -> float:
@@ -277,19 +266,19 @@ class _RunPicture:
         plain, every = drawn.drawing, np.arange(packing.particles)
         if self.flat:
             dim = drawing.dimmed((255.0 * self.color_nc).astype(np.uint8)) / 255.0
-            outlines = self._outlines(packing, plain.copy_center_kd, plain.copy_of_k)
+            outlines = drawing.seen_outlines(packing, plain.copy_center_kd, plain.copy_of_k)
             copies = self._ellipses(outlines, dim[outlines.owner_k], 1.0)
-            outlines = self._outlines(packing, plain.center_nd, every)
+            outlines = drawing.seen_outlines(packing, plain.center_nd, every)
             return [copies, self._ellipses(outlines, self.color_nc[outlines.owner_k], 2.0)]
-        outlines = self._outlines(packing, plain.center_nd, every)
+        outlines = drawing.seen_outlines(packing, plain.center_nd, every)
         order = np.argsort(outlines.place_ks[:, 2])
         outlines = outlines.taken(order)
         depth = outlines.place_ks[:, 2]
         share = DIM + (1.0 - DIM) * (depth - depth.min()) / (np.ptp(depth) or 1.0)
         return [self._ellipses(outlines, self.color_nc[outlines.owner_k] * share[:, None], 2.0)]
 
-    def _ellipses(self, outlines: _Outlines, color: Any, order: float) -> Any:
-        return _matplotlib().EllipseCollection(
+    def _ellipses(self, outlines: drawing.Outlines, color: Any, order: float) -> Any:
+        return matplotlib_parts().EllipseCollection(
             outlines.width_k,
             outlines.height_k,
             outlines.angle_k,
@@ -302,24 +291,14 @@ class _RunPicture:
             zorder=order,
         )
 
-    def _outlines(self, packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64]) -> _Outlines:
-        """Return what particles, or the beads of bodies, look like from where the eye is."""
-        sites = drawing.sites_of(packing, center_kd, owner_k)
-        axis_ks = self._projected(sites.axis_bd)[:, :2]
-        # a spheroid seen from afar is an ellipse, as long as its axis is seen
-        square = (sites.along_b**2 - sites.across_b**2) * (axis_ks**2).sum(axis=1)
-        width_k, height_k = 2.0 * np.sqrt(sites.across_b**2 + square), 2.0 * sites.across_b
-        angle_k = np.degrees(np.arctan2(axis_ks[:, 1], axis_ks[:, 0])) * (sites.along_b != sites.across_b)
-        return _Outlines(self._projected(sites.place_bd), width_k, height_k, angle_k, sites.owner_b)
-
     def _lines(self, drawn: DrawnFrame) -> list[Any]:
         unit, d = self.packing.reference_diameter, self.packing.dimension
 
         def lines(segments: Any, half_width: Any, color: Any, order: float) -> Any:
-            flat = [self._projected(np.asarray(line))[:, :2] for line in segments]
+            flat = [drawing.projected(np.asarray(line))[:, :2] for line in segments]
             width = 2.0 * self.points * np.asarray(half_width)
             style = {"linewidths": width, "colors": color, "zorder": order, "capstyle": "round"}
-            return _matplotlib().LineCollection(flat, **style)
+            return matplotlib_parts().LineCollection(flat, **style)
 
         found = [
             lines(drawn.drawing.outline_ed, drawing.OUTLINE_RADIUS * unit, _rgb(drawing.OUTLINE), 6.0),

@@ -1,0 +1,565 @@
+"""`pm.plot`: the usual figure of any result, on axes of matplotlib that it returns."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import brief, finite_array, integer, one_of
+from packmech.ensemble.shear_series import ShearCurve, ShearSeries
+from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit
+from packmech.jamming.play import PlayedMotion
+from packmech.jamming.verdict import UnjammingMotion, Verdict
+from packmech.measure.contact_statistics import ContactStatistics, ForceDistribution
+from packmech.measure.rattlers import find_rattlers
+from packmech.measure.scattering import ShellAverage
+from packmech.measure.structure import Correlation, PairDistribution
+from packmech.mechanics.complex_modulus import ComplexModulus
+from packmech.mechanics.modes import Modes, StateDensity
+from packmech.packing import Packing
+from packmech.protocols.cement import Cementing
+from packmech.protocols.shearing.families import ShearFamilies
+from packmech.protocols.shearing.quasistatic import QuasistaticShear
+from packmech.result import Run, Trace
+from packmech.rheology.amplitude_sweep import AmplitudeSweep
+from packmech.rheology.at_pressure import PressureShear
+from packmech.rheology.oscillatory import OscillatoryShear
+from packmech.rheology.steady import Creep, FlowCurve
+from packmech.rheology.strain_run import StrainRun
+from packmech.scene import Scene
+from packmech.validation.work_precision import WorkPrecision
+from packmech.view import drawing
+from packmech.view.figures import COLORS, MARKERS, matplotlib_parts, new_axes
+
+SIZE, SQUARE, SMALL = (5.6, 3.8), (6.4, 5.6), (2.6, 2.6)
+# colors of particles on a white ground: those that bear forces, rattlers, held ones, copies
+BEARING, RATTLER, HELD, EDGE = "#b7cbe0", "#f0d091", "#b4b4b4", "#5b6b7d"
+# what lies at the back of a packing in space is mixed with white up to this part
+_FADED = 0.65
+_POINTS = {"marker": "o", "markersize": 3.5, "linewidth": 1.2}
+_UNIT = "[energy/length$^d$]"
+
+
+def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
+    """Return the axes on which the usual figure of a result is drawn.
+
+    Parameters
+    ----------
+    thing
+        What to draw. A packing, a scene or a run: the particles and, of a scene, its contact forces. Modes: one of them
+        as arrows (`packing=`), or without their spectrum. Else a curve: a density of states, pair distribution, shell
+        average, correlation, stress-strain curve or loop, flow curve, moduli against amplitude or frequency, creep,
+        cementing, shear families, forces, contacts, statistics of an ensemble (`fit=` draws a power law), work and
+        precision, a verdict (its motion, `packing=`) or a trace (`of=` names what).
+    ax
+        Axes of matplotlib to draw on; new ones unless given.
+    options
+        Of a packing: `forces=False`, `copies=False` and `color=` "role", "size" or (N,) numbers with `label=`. Of modes
+        and motions: `packing=`, `mode=`, `scale=`. Others as above; `log=True` gives logarithmic axes.
+
+    Raises
+    ------
+    TypeError
+        If there is no figure of such a thing, or an option is none of its.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(),))
+    >>> ax = pm.plot(pm.quench(scene, force_tolerance=1e-9), scene=scene)
+    >>> ax.figure.savefig("/dev/null", format="svg")
+
+    """
+    draw, size = _figure_of(thing)
+    axes = new_axes(size) if ax is None else ax
+    if isinstance(axes, list | tuple | np.ndarray):
+        raise TypeError(f"ax must be one matplotlib Axes, got {brief(axes)}")
+    try:
+        draw(thing, axes, **options)
+    except TypeError as error:
+        if "unexpected keyword argument" in str(error):
+            raise TypeError(f"options of a figure of {type(thing).__name__}: {error}") from None
+        raise
+    return axes
+
+
+_FIGURES: dict[type, tuple[Callable[..., None], tuple[float, float]]] = {}
+
+
+def _draws(*kinds: type, size: tuple[float, float] = SIZE) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator of the function that draws things of these classes."""
+
+    def decorated(draw: Callable[..., None]) -> Callable[..., None]:
+        _FIGURES.update(dict.fromkeys(kinds, (draw, size)))
+        return draw
+
+    return decorated
+
+
+def _figure_of(thing: Any) -> tuple[Callable[..., None], tuple[float, float]]:
+    found = next((_FIGURES[kind] for kind in type(thing).__mro__ if kind in _FIGURES), None)
+    if found is None:
+        known = ", ".join(sorted(kind.__name__ for kind in _FIGURES))
+        raise TypeError(f"thing must be one of {known}, got {brief(thing)}")
+    return found
+
+
+def picture_of(thing: Any) -> str:
+    """Return a small picture of a result as HTML; empty where there is none of it."""
+    seen = {Packing: thing, Scene: thing}.get(type(thing), thing if isinstance(thing, Run) else None)
+    if seen is None and type(thing) in _FIGURES and not isinstance(thing, Modes | Verdict | UnjammingMotion | Trace):
+        seen = thing
+    if seen is None:
+        return ""
+    parts, text = matplotlib_parts(), io.StringIO()
+    figure = parts.Figure(figsize=SMALL, layout="constrained")
+    draw, _ = _figure_of(seen)
+    packings = (Packing, Scene, Run)
+    with parts.rc_context({"font.size": 7.0, "svg.hashsalt": "packmech"}):
+        axes = figure.add_subplot()
+        draw(seen, axes, **({"bar": False} if isinstance(seen, packings) and draw is _draw_packed else {}))
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    picture = text.getvalue()
+    return f"<div>{picture[picture.index('<svg') :]}</div>"
+
+
+# -- packings -------------------------------------------------------------------------------------------------------
+
+
+@_draws(Packing, Scene, Run, size=SQUARE)
+def _draw_packed(
+    thing: Packing | Scene | Run,
+    ax: Any,
+    *,
+    scene: Scene | None = None,
+    forces: bool = True,
+    color: Any = "role",
+    label: str = "",
+    copies: bool = True,
+    bar: bool = True,
+) -> None:
+    """Draw particles, and lines as wide as the forces of their contacts where effects are known."""
+    packing = thing if isinstance(thing, Packing) else thing.packing
+    effects = thing.effects if isinstance(thing, Scene) else () if scene is None else scene.effects
+    flat, parts = packing.dimension == 2, matplotlib_parts()
+    inside = packing.wrapped()
+    drawn = drawing.draw_packing(packing, effects)
+    fill_nc, shown = _fills(packing, effects, color)
+    every = np.arange(packing.particles)
+    if flat and copies and not any(type(one).__name__ == "Walls" for one in effects):
+        outlines = drawing.seen_outlines(inside, drawn.copy_center_kd, drawn.copy_of_k)
+        _add_particles(ax, outlines, 0.25 * fill_nc + 0.75, 1.0)
+    outlines = drawing.seen_outlines(inside, drawn.center_nd, every)
+    if not flat:
+        outlines = outlines.taken(np.argsort(outlines.place_ks[:, 2]))
+        depth_k = outlines.place_ks[:, 2]
+        share_k = _FADED * (1.0 - (depth_k - depth_k.min()) / (np.ptp(depth_k) or 1.0))[:, None]
+        fill_kc = fill_nc[outlines.owner_k] * (1.0 - share_k) + share_k
+        _add_particles(ax, outlines, fill_kc, 2.0, owned=False)
+    else:
+        _add_particles(ax, outlines, fill_nc, 2.0)
+    low, high = _limits(ax, packing, outlines)
+    for line in [*drawn.outline_ed, *drawing.wall_outlines(effects, packing.box)]:
+        place = drawing.projected(np.asarray(line))
+        ax.plot(place[:, 0], place[:, 1], color="#303030", linewidth=0.8, zorder=6.0)
+    if forces and flat and len(drawn.segment_sed):
+        _add_forces(ax, drawn, packing, bool(effects), bar, float(high[0] - low[0]))
+    if len(drawn.bond_sed) and flat:
+        lines = parts.LineCollection(drawn.bond_sed[:, :, :2], colors="#2b7a4b", linewidths=1.2, zorder=4.0)
+        ax.add_collection(lines)
+    if bar:
+        _legend(ax, shown, bool(len(drawn.bond_sed)) and flat)
+    if shown.get("numbers") is not None and bar:
+        mappable = parts.ScalarMappable(parts.Normalize(*shown["range"]), "viridis")
+        ax.figure.colorbar(mappable, ax=ax, shrink=0.75, label=label or "color")
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+    ax.set_axis_off()
+
+
+def _fills(packing: Packing, effects: tuple[Any, ...], color: Any) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """Return the (N, 3) colors of particles, and what a legend has to say of them."""
+    parts, n = matplotlib_parts(), packing.particles
+    if isinstance(color, str):
+        one_of("color", color, ("role", "size"))
+    if isinstance(color, str) and color == "role":
+        rattler_n = find_rattlers(packing) if n < 100_000 else np.zeros(n, dtype=bool)
+        fill_nc = np.tile(parts.to_rgb(BEARING), (n, 1))
+        fill_nc[rattler_n] = parts.to_rgb(RATTLER)
+        held_n = np.zeros(n, dtype=bool)
+        for one in effects:
+            held_n |= np.asarray(getattr(one, "held_n", held_n))
+        fill_nc[held_n] = parts.to_rgb(HELD)
+        return fill_nc, {"roles": (bool((~rattler_n & ~held_n).any()), bool(rattler_n.any()), bool(held_n.any()))}
+    numbers = packing.radius_n if isinstance(color, str) else finite_array("color", color, shape=(n,))
+    low, high = float(numbers.min()), float(numbers.max())
+    share = (numbers - low) / ((high - low) or 1.0)
+    return np.asarray(parts.colormaps["viridis"](share))[:, :3], {"numbers": numbers, "range": (low, high)}
+
+
+def _add_particles(ax: Any, outlines: drawing.Outlines, fill: Any, order: float, *, owned: bool = True) -> None:
+    parts = matplotlib_parts()
+    ax.add_collection(
+        parts.EllipseCollection(
+            outlines.width_k,
+            outlines.height_k,
+            outlines.angle_k,
+            units="xy",
+            offsets=outlines.place_ks[:, :2],
+            transOffset=ax.transData,
+            facecolors=fill[outlines.owner_k] if owned else fill,
+            edgecolors=EDGE,
+            linewidths=0.3,
+            zorder=order,
+        )
+    )
+
+
+def _limits(ax: Any, packing: Packing, outlines: drawing.Outlines) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    corners = [drawing.projected(line)[:, :2] for line in drawing.box_outline(drawing.shown_box(packing.box)[0])]
+    place = np.concatenate([*corners, outlines.place_ks[:, :2]])
+    pad = 1.1 * float(packing.shapes.reach(packing.radius_n).max())
+    return place.min(axis=0) - pad, place.max(axis=0) + pad
+
+
+def _add_forces(ax: Any, drawn: drawing.Drawing, packing: Packing, known: bool, bar: bool, width: float) -> None:
+    """Draw a line for each contact, as wide and as dark as its force over the mean."""
+    parts = matplotlib_parts()
+    points = ax.get_window_extent().width * 72.0 / ax.figure.dpi / width
+    half = drawing.force_radii(drawn.force_s, packing.reference_diameter, packing.dimension)
+    lines = parts.LineCollection(drawn.segment_sed, linewidths=2.0 * points * half, zorder=4.0, capstyle="round")
+    if known:
+        lines.set_array(drawn.force_s)
+        lines.set(cmap="inferno_r", norm=parts.Normalize(-1.0, 4.0))
+    else:
+        lines.set(linewidths=0.8, colors="#404040")
+    ax.add_collection(lines)
+    if known and bar:
+        mappable = parts.ScalarMappable(parts.Normalize(-1.0, 4.0), "inferno_r")
+        made = ax.figure.colorbar(mappable, ax=ax, shrink=0.75, label="contact force / mean contact force")
+        made.ax.set_ylim(0.0, 4.0)
+
+
+def _legend(ax: Any, shown: Mapping[str, Any], links: bool) -> None:
+    """Say below the packing what its colors mean."""
+    parts = matplotlib_parts()
+    names = ("bears force", "rattler", "held")
+    marks = [
+        parts.Line2D([], [], marker="o", linestyle="none", markersize=8, color=fill, markeredgecolor=EDGE, label=name)
+        for name, fill, there in zip(names, (BEARING, RATTLER, HELD), shown.get("roles", ()), strict=False)
+        if there
+    ]
+    if links:
+        marks.append(parts.Line2D([], [], color="#2b7a4b", linewidth=2.0, label="link"))
+    if marks:
+        place = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": len(marks)}
+        ax.legend(handles=marks, frameon=False, **place)
+
+
+def _arrows(ax: Any, packing: Packing, move_nd: NDArray[np.float64], scale: float | None) -> None:
+    """Draw displacements as arrows, the longest one of 1.5 diameters unless the scale is given."""
+    factor = drawing.arrow_scale(move_nd, packing.reference_diameter) if scale is None else float(scale)
+    start = drawing.projected(packing.wrapped().position_nd)[:, :2]
+    along = drawing.projected(factor * move_nd)[:, :2]
+    style = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "width": 0.004, "color": "#c22f2f", "zorder": 7.0}
+    ax.quiver(*start.T, *along.T, **style)
+
+
+# -- vibrations and motions -----------------------------------------------------------------------------------------
+
+
+@_draws(Modes)
+def _draw_modes(modes: Modes, ax: Any, *, packing: Any = None, mode: int = 0, scale: float | None = None) -> None:
+    """Draw one mode on the packing, or the frequencies of all."""
+    if packing is None:
+        frequency_m = modes.frequency_m
+        ax.plot(np.arange(len(frequency_m)), frequency_m, color=COLORS[0], **_POINTS)
+        ax.set(xlabel="mode", ylabel=r"angular frequency $\omega$ [1/time]", title="lowest modes")
+        ax.locator_params(axis="x", integer=True)
+        return
+    number = integer("mode", mode, at_least=0, at_most=len(modes.eigenvalue_m) - 1)
+    shown = packing if isinstance(packing, Packing) else packing.packing
+    _draw_packed(packing, ax, forces=False, bar=False)
+    _arrows(ax, shown, modes.displacement_mnd[number], scale)
+    ax.set_title(
+        rf"mode {number}: $\omega$ = {modes.frequency_m[number]:.4g} [1/time], "
+        f"participation {modes.participation_m[number]:.2f}"
+    )
+
+
+@_draws(Verdict, UnjammingMotion, size=SQUARE)
+def _draw_motion(one: Verdict | UnjammingMotion, ax: Any, *, packing: Any, scale: float | None = None) -> None:
+    """Draw the motion that unjams a packing."""
+    motion = one.unjamming_motion if isinstance(one, Verdict) else one
+    if motion is None:
+        raise ValueError("thing must be a verdict with a motion that unjams, got one without")
+    shown = packing if isinstance(packing, Packing) else packing.packing
+    _draw_packed(packing, ax, forces=False, bar=False)
+    _arrows(ax, shown, motion.displacement_nd, scale)
+    ax.set_title("motion that unjams")
+
+
+@_draws(PlayedMotion)
+def _draw_played(played: PlayedMotion, ax: Any) -> None:
+    """Draw how many contacts are left along a motion."""
+    ax.plot(played.amplitude_t, played.contacts_t, color=COLORS[0], **_POINTS)
+    ax.set(xlabel="amplitude [reference diameter]", ylabel="pairs that touch", title=f"motion: {played.outcome}")
+
+
+@_draws(StateDensity)
+def _draw_states(density: StateDensity, ax: Any, *, log: bool = False) -> None:
+    """Draw D(omega)."""
+    ax.stairs(density.density_b, density.edge_b, color=COLORS[0], fill=True, alpha=0.35)
+    ax.stairs(density.density_b, density.edge_b, color=COLORS[0])
+    ax.set(xlabel=r"angular frequency $\omega$ [1/time]", ylabel=r"density of states $D(\omega)$ [time]")
+    _scale(ax, log)
+
+
+# -- structure ------------------------------------------------------------------------------------------------------
+
+
+@_draws(PairDistribution)
+def _draw_pairs(pairs: PairDistribution, ax: Any, *, log: bool = False) -> None:
+    """Draw g(r)."""
+    ax.plot(pairs.r_b, pairs.g_b, color=COLORS[0], linewidth=1.2)
+    ax.axhline(1.0, color="#888888", linewidth=0.8)
+    ax.set(xlabel="distance $r$ [length]", ylabel="pair distribution $g(r)$")
+    _scale(ax, log)
+
+
+@_draws(ShellAverage)
+def _draw_shells(shells: ShellAverage, ax: Any, *, log: bool = True, label: str = "$S(k)$") -> None:
+    """Draw S(k) or a spectral density, with errors."""
+    ax.errorbar(shells.k_b, shells.value_b, shells.error_b, color=COLORS[0], fmt="o", markersize=3.0, linewidth=0.9)
+    ax.set(xlabel="wave number $k$ [1/length]", ylabel=label)
+    _scale(ax, log)
+
+
+@_draws(Correlation)
+def _draw_correlation(found: Correlation, ax: Any, *, log: bool = False) -> None:
+    """Draw a correlation against distance."""
+    ax.plot(found.r_b, found.value_b, color=COLORS[0], **_POINTS)
+    ax.axhline(found.mean_square, color="#888888", linewidth=0.8)
+    ax.set(xlabel="distance $r$ [length]", ylabel="correlation [value$^2$]")
+    _scale(ax, log)
+
+
+@_draws(ForceDistribution)
+def _draw_forces(found: ForceDistribution, ax: Any, *, log: bool = True) -> None:
+    """Draw the density of forces over their mean."""
+    some = found.density_b > 0.0
+    ax.plot(found.middle_b[some], found.density_b[some], color=COLORS[0], **_POINTS)
+    ax.set(xlabel="contact force / mean contact force", ylabel="density")
+    if log:
+        ax.set_yscale("log")
+
+
+@_draws(ContactStatistics)
+def _draw_contacts(found: ContactStatistics, ax: Any) -> None:
+    """Draw the shares of particles with so many contacts."""
+    ax.bar(np.arange(len(found.count_z)), found.share_z, color=COLORS[0])
+    ax.set(xlabel="contacts of a particle", ylabel="share of particles", title=f"mean {found.mean:.3f}, no rattlers")
+
+
+# -- strain and flow ------------------------------------------------------------------------------------------------
+
+
+@_draws(QuasistaticShear)
+def _draw_quasistatic(run: QuasistaticShear, ax: Any) -> None:
+    """Draw stress against strain, avalanches as gaps."""
+    ax.plot(run.strain_t, run.shear_stress_t, color=COLORS[0], linewidth=1.0)
+    ax.set(xlabel=r"shear strain $\gamma$", ylabel="shear stress [energy_scale/diameter$^d$]")
+    ax.set_title(f"quasistatic shear: {len(run.avalanches)} avalanches")
+
+
+@_draws(ShearFamilies)
+def _draw_families(run: ShearFamilies, ax: Any) -> None:
+    """Draw the packing fraction at jamming along the strain, a color for each contact network."""
+    family_t = run.family_t
+    for number in np.unique(family_t):
+        own = family_t == number
+        color = COLORS[int(number) % len(COLORS)]
+        ax.plot(run.strain_t[own], run.packing_fraction_t[own], ".", color=color, markersize=3.0)
+    ax.set(xlabel=r"shear strain $\gamma$", ylabel=r"packing fraction at jamming $\phi_J$")
+    ax.set_title(f"{len(np.unique(family_t))} contact networks")
+    ax.ticklabel_format(axis="y", useOffset=False)
+
+
+@_draws(StrainRun)
+def _draw_strained(run: StrainRun, ax: Any) -> None:
+    """Draw stress against strain."""
+    ax.plot(run.strain_t, run.shear_stress_t, color=COLORS[0], linewidth=1.0)
+    ax.set(xlabel=r"strain $\gamma$", ylabel=f"shear stress {_UNIT}")
+    ax.locator_params(axis="x", nbins=5)
+
+
+@_draws(OscillatoryShear)
+def _draw_loop(run: OscillatoryShear, ax: Any) -> None:
+    """Draw the loop of stress against strain, and say the moduli."""
+    _draw_strained(run, ax)
+    if run.moduli is not None:
+        ax.set_title(f"$G'$ = {run.moduli.storage:.4g}, $G''$ = {run.moduli.loss:.4g} {_UNIT}")
+
+
+@_draws(Creep)
+def _draw_creep(run: Creep, ax: Any, *, log: bool = False) -> None:
+    """Draw strain against time."""
+    ax.plot(run.time_t, run.strain_t, color=COLORS[0], linewidth=1.2)
+    ax.set(xlabel="time [time]", ylabel=r"strain $\gamma$", title=f"creep at stress {run.applied_stress:g} {_UNIT}")
+    _scale(ax, log)
+
+
+@_draws(PressureShear)
+def _draw_at_pressure(run: PressureShear, ax: Any) -> None:
+    """Draw stress over pressure against strain, and the mean of what is steady."""
+    ax.plot(run.strain_t, run.shear_stress_t / run.pressure_t, color=COLORS[0], linewidth=1.0)
+    ratio, error = run.stress_ratio[:2]
+    ax.axhline(ratio, color=COLORS[1], linewidth=1.0)
+    ax.set(xlabel=r"shear strain $\gamma$", ylabel=r"stress ratio $\mu$")
+    ax.set_title(rf"$\mu$ = {ratio:.4f} $\pm$ {error:.1g} at inertial number {run.inertial_number:.3g}")
+
+
+@_draws(FlowCurve)
+def _draw_flow(curve: FlowCurve, ax: Any, *, log: bool = True) -> None:
+    """Draw stress against rate."""
+    ax.errorbar(curve.rate_r, curve.stress_r, curve.stress_error_r, color=COLORS[0], fmt="o-", markersize=4.0)
+    ax.set(xlabel=r"shear rate $\dot\gamma$ [1/time]", ylabel=f"shear stress {_UNIT}")
+    _scale(ax, log)
+
+
+@_draws(AmplitudeSweep, ShearCurve)
+def _draw_moduli(sweep: AmplitudeSweep | ShearCurve, ax: Any, *, log: bool = True, label: str = "") -> None:
+    """Draw G' and G'' against amplitude."""
+    lines = ax.get_lines()
+    color = COLORS[len(lines) // 2 % len(COLORS)] if label else None
+    for k, (name, value, error) in enumerate(
+        (
+            ("$G'$", sweep.storage_a, sweep.storage_error_a),
+            ("$G''$", sweep.loss_a, sweep.loss_error_a),
+        )
+    ):
+        error = np.where(np.isfinite(error), error, 0.0)
+        words = f"{name} {label}".strip()
+        style = {"marker": MARKERS[k], "linestyle": "-" if k == 0 else "--", "color": color or COLORS[k]}
+        ax.errorbar(sweep.amplitude_a, value, error, markersize=4.0, linewidth=1.2, label=words, **style)
+    ax.set(xlabel=r"strain amplitude $\gamma_0$", ylabel=f"modulus {_UNIT}")
+    ax.legend(frameon=False)
+    _scale(ax, log)
+
+
+@_draws(ShearSeries)
+def _draw_series(series: ShearSeries, ax: Any, *, log: bool = True) -> None:
+    """Draw the moduli of each control and friction."""
+    for curve in series.curves:
+        friction = "" if curve.friction is None else rf" $\mu$ = {curve.friction:g}"
+        _draw_moduli(curve, ax, log=log, label=f"{curve.control}{friction}")
+
+
+@_draws(ComplexModulus)
+def _draw_spectrum(found: ComplexModulus, ax: Any, *, log: bool = True) -> None:
+    """Draw G' and G'' against frequency."""
+    for k, (name, value) in enumerate((("$G'$", found.storage_f), ("$G''$", found.loss_f))):
+        ax.plot(found.frequency_f, value, color=COLORS[k], label=name, marker=MARKERS[k], markersize=4.0)
+    ax.set(xlabel="frequency [1/time]", ylabel=f"modulus {_UNIT}")
+    ax.legend(frameon=False)
+    _scale(ax, log)
+
+
+@_draws(Cementing)
+def _draw_cementing(found: Cementing, ax: Any) -> None:
+    """Draw bulk and shear moduli against the share of contacts that are links."""
+    for k, name in enumerate(("bulk_modulus", "shear_modulus")):
+        value_k = np.array([getattr(found.hill(step), name) for step in range(len(found.cemented_k))])
+        finite = np.isfinite(value_k) & (value_k > 0.0)
+        words = name.replace("_", " ")
+        ax.plot(found.link_fraction_k[finite], value_k[finite], color=COLORS[k], label=f"{words} (Hill)", **_POINTS)
+    for reached, words, line in ((found.first_stiff, "first stiff", ":"), (found.all_stiff, "rigid", "--")):
+        if reached is not None:
+            ax.axvline(reached / found.bearing, color="#666666", linestyle=line, linewidth=1.0, label=words)
+    ax.set(xlabel="links per particle $n_l/N$", ylabel=f"modulus {_UNIT}", yscale="log")
+    ax.legend(frameon=False)
+
+
+# -- ensembles, accuracy, traces ------------------------------------------------------------------------------------
+
+
+@_draws(GroupStatistics)
+def _draw_groups(
+    groups: GroupStatistics,
+    ax: Any,
+    *,
+    over: str | None = None,
+    fit: PowerLawFit | None = None,
+    log: bool | None = None,
+) -> None:
+    """Draw a statistic over a parameter, a line for each value of the others."""
+    names = list(groups.by)
+    axis = names[0] if over is None and names else one_of("over", over, names)
+    others = [name for name in names if name != axis]
+    keys = list(zip(*(groups.by[name].tolist() for name in others), strict=True)) or [()] * len(groups.value_g)
+    for k, key in enumerate(dict.fromkeys(keys)):
+        own = np.array([one == key for one in keys])
+        words = ", ".join(f"{name.rpartition('.')[2]} = {value}" for name, value in zip(others, key, strict=True))
+        style = {"fmt": MARKERS[k % len(MARKERS)] + "-", "color": COLORS[k % len(COLORS)], "markersize": 4.0}
+        ax.errorbar(
+            groups.by[axis][own].astype(float), groups.value_g[own], groups.error_g[own], label=words or None, **style
+        )
+    if fit is not None:
+        x = np.geomspace(float(groups.by[axis].min()), float(groups.by[axis].max()), 100)
+        words = rf"exponent {fit.exponent:.3f} $\pm$ {fit.exponent_error:.1g}"
+        ax.plot(x, fit.limit + fit.prefactor * x**fit.exponent, color="#444444", linestyle="--", label=words)
+    ax.set(
+        xlabel=axis.rpartition(".")[2].replace("_", " "),
+        ylabel=f"{groups.statistic} of {groups.name.replace('_', ' ')}",
+    )
+    if others or fit is not None:
+        ax.legend(frameon=False)
+    _scale(ax, fit is not None if log is None else log)
+
+
+@_draws(Histogram)
+def _draw_histogram(found: Histogram, ax: Any) -> None:
+    """Draw a density with its errors from counting."""
+    ax.stairs(found.density_b, found.edge_b, color=COLORS[0], fill=True, alpha=0.35)
+    middle = 0.5 * (found.edge_b[1:] + found.edge_b[:-1])
+    ax.errorbar(middle, found.density_b, found.error_b, fmt="none", color=COLORS[0], linewidth=1.0)
+    ax.set(xlabel="value", ylabel="density")
+
+
+@_draws(WorkPrecision)
+def _draw_accuracy(found: WorkPrecision, ax: Any) -> None:
+    """Draw the error of each method against its time."""
+    for k, method in enumerate(found.methods):
+        trials = [one for one in found.of(method) if not one.failed]
+        error = [one.error for one in trials]
+        seconds = [one.seconds for one in trials]
+        style = {"marker": MARKERS[k % len(MARKERS)], "color": COLORS[k % len(COLORS)], "markersize": 4.0}
+        ax.plot(seconds, error, label=method or None, **style)
+    ax.set(xlabel="CPU time [s]", ylabel="error", xscale="log", yscale="log", title=found.title)
+    if any(found.methods):
+        ax.legend(frameon=False)
+
+
+@_draws(Trace)
+def _draw_trace(trace: Trace, ax: Any, *, of: str = "energy", log: bool = False) -> None:
+    """Draw an observable against step, or time where there is one."""
+    columns = trace.columns()
+    name = next((one for one in (of, f"{of}_t") if one in columns), None)
+    if name is None or columns[name].ndim != 1:
+        known = [one for one, column in columns.items() if column.ndim == 1]
+        raise ValueError(f"of must be one of {', '.join(known)}, got {of!r}")
+    axis = "time_t" if "time_t" in columns else "step_t"
+    ax.plot(columns[axis], columns[name], color=COLORS[0], **_POINTS)
+    ax.set(xlabel="time [time]" if axis == "time_t" else "step", ylabel=name.removesuffix("_t").replace("_", " "))
+    _scale(ax, log, across=False)
+
+
+def _scale(ax: Any, log: bool, *, across: bool = True) -> None:
+    if log:
+        ax.set_yscale("log")
+        if across:
+            ax.set_xscale("log")
