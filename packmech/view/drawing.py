@@ -375,8 +375,8 @@ class Outlines(NamedTuple):
 
     def taken(self, order_k: NDArray[np.int64]) -> Outlines:
         """Return them in another order."""
-        place, width, height, angle, owner = (one[order_k] for one in self)
-        return Outlines(place, width, height, angle, owner.astype(np.int64))
+        axes = self.width_k[order_k], self.height_k[order_k], self.angle_k[order_k]
+        return Outlines(self.place_ks[order_k], *axes, self.owner_k[order_k])
 
 
 def seen_outlines(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64]) -> Outlines:
