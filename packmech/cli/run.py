@@ -42,7 +42,6 @@ from packmech.result import NotConverged, Run
 from packmech.scene import Scene
 from packmech.scenes import run as run_drive
 from packmech.scenes import takes_checkpoint
-from packmech.scenes.scene_file import read_scene
 from packmech.view.report import Report, examine
 
 # packings that a recording shows of a run that follows time
@@ -147,7 +146,7 @@ def run(
     load_modules(load)
     shown = Pictures(live, frames, format, pictures)
     files = Files(None if no_record else record, out, json)
-    read = read_scene(scene, seed=seed, changes=changes.by_path())
+    read = changes.scene(scene, seed=seed)
     if read.drive is None:
         raise ValueError(f"scene must have a [drive] to be run, got none in {scene!r}")
     return carry_out(Wanted(scene, read, seed, files, shown, check_modes(modes), checkpoint))

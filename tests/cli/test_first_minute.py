@@ -22,12 +22,12 @@ def test_the_command_alone_says_what_to_do_next(capsys):
 
 def test_a_new_scene_is_what_its_options_say_and_every_field_has_a_comment(folder):
     words = ["--particles", "20", "--dimension", "3", "--law", "hertz", "--friction", "0.3", "--seed", "7"]
-    execute(["new", "mine.toml", *words, "--set", "drive.pressure=1e-3", "--set", 'packing.sizes="monodisperse"'])
+    execute(["new", "mine.toml", *words, "--set", "drive.pressure=2e-3", "--set", 'packing.sizes="monodisperse"'])
     scene = pm.read_scene(folder / "mine.toml")
     assert (scene.packing.particles, scene.packing.dimension) == (20, 3)
     assert scene.packing == pm.random_packing(20, dimension=3, packing_fraction=0.87, sizes=pm.Monodisperse(), seed=7)
     assert scene.effects == (pm.Repulsion(pm.Hertz()), pm.Friction(0.3))
-    assert scene.drive == pm.JamDrive(pressure=1e-3)
+    assert scene.drive == pm.JamDrive(pressure=2e-3)
     lines = (folder / "mine.toml").read_text().splitlines()
     for k, line in enumerate(lines):
         if re.match(r"[a-z_]+ = ", line) and not line.startswith("description"):
