@@ -43,6 +43,8 @@ from packmech.dynamics.stability import step_condition
 from packmech.dynamics.stretches import Stretches, blocks_of, empty_track, read_stretches, write_stretches
 from packmech.dynamics.time_step import (
     FORCES,
+    REST_OF_STEP,
+    SEARCH,
     TOO_FAST,
     WHOLE_STEP,
     Acting,
@@ -50,7 +52,6 @@ from packmech.dynamics.time_step import (
     EngineSystem,
     Rule,
     Span,
-    advance,
     run_steps,
 )
 from packmech.effects import (
@@ -276,16 +277,20 @@ class Engine:
             self.begin(ledger)
         if self.too_long is not None:
             return TOO_FAST
-        left = steps
+        start, left = WHOLE_STEP, steps
         while left > 0:
-            span = Span(WHOLE_STEP, self.steps, min(left, self.wrap_every - self.steps % self.wrap_every))
-            status, taken, system = advance(self.system, ledger, self.threads, span, self.rule)
-            self.pairs, self.track = system.pairs, system.track
+            span = Span(start, self.steps, min(left, self.wrap_every - self.steps % self.wrap_every))
+            status, taken = run_steps(self.system, ledger, self.threads, span, self.rule)
             self.steps += taken
             self.force_evaluations += taken
             left -= taken
+            if status == SEARCH:
+                self._search()
+                start = REST_OF_STEP
+                continue
             if status != RUNNING:
-                return int(status)
+                return status
+            start = WHOLE_STEP
             if self.steps % self.wrap_every == 0:
                 self.wrap()
         return RUNNING

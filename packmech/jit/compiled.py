@@ -212,25 +212,43 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     return _InnerKernel(function)
 
 
+def _call_lean(call: Callable[..., Any], without: Any, counting: Any) -> None:
+    """Let kernels that call this function call the form without counts of references, or the one with them.
+
+    The latter where a user's law that makes arrays is among what they give.
+    """
+
+    def choose(*given: Any) -> Any:
+        form = counting if any(map(makes_arrays, given)) else without
+        return lambda *arguments: form(*arguments)
+
+    overload(call, jit_options={**OPTIONS, "_nrt": False, "forceinline": True}, strict=False)(choose)
+
+
 def inner_lean(function: Callable[..., Any]) -> Any:
     """Return an `inner_kernel` that counts no references to arrays, for kernels that count and for those that do not.
 
-    A helper that both call is compiled once for each of them; this is compiled once for all. It must not make arrays or
-    return one, and call no user's law.
+    A helper that both call is compiled once for each of them; this is compiled once for all. As `lean` says, it must
+    not make arrays or return one.
     """
-    return _InnerKernel(function, _nrt=False)
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        return function(*arguments)
+
+    _call_lean(call, _InnerKernel(function, _nrt=False), _InnerKernel(function))
+    return call
 
 
 def lean(function: Callable[..., Any]) -> Any:
     """Return a kernel that counts no references to arrays: every part of a record would be counted in every step.
 
     It must not make arrays and no helper that it calls may return one, not even one that it was given: helpers are
-    compiled once, and a caller that does count would count it wrongly. Where the first argument brings a user's law
-    that makes arrays, the counting kernel takes over. Kernels that count may call it too.
+    compiled once, and a caller that does count would count it wrongly. Where an argument brings a user's law that makes
+    arrays, the counting kernel takes over. Kernels that count may call it too.
     """
     counting = kernel(function)
-    without = {**OPTIONS, "_nrt": False}
-    dispatcher = _dispatcher(function, without)
+    dispatcher = _dispatcher(function, {**OPTIONS, "_nrt": False})
     refused: set[Any] = set()
 
     @functools.wraps(function)
@@ -242,7 +260,7 @@ def lean(function: Callable[..., Any]) -> Any:
                 refused.add(typeof(arguments[0]))
         return counting(*arguments)
 
-    overload(call, jit_options=without, strict=False)(lambda *_: function)
+    _call_lean(call, dispatcher, counting)
     return call
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions, project_forces, project_rows, refresh
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.jit.compiled import device, inlined, inner_kernel, kernel
+from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
 from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
 from packmech.minimize.passes.shape_rows import (
@@ -249,7 +249,7 @@ def _projected(links, axes, force_nd, velocity_nd, sums):
     return Sums(sums.total, sums.touching, power, square, largest)
 
 
-@inlined
+@inner_lean
 def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs):
     """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left."""
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)

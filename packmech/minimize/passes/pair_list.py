@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import LinkedPairs, without_linked
 from packmech.contacts.cells import Frame, PairTable, Sizes, find_pairs
 from packmech.jit.by_type import by_type
-from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, inner_lean, kernel, makes_arrays
+from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
@@ -225,26 +225,8 @@ def walk_range(visitor, laws, pairs, first, special, last, value):
     return value
 
 
-_walk_lean, _walk_counting = inner_lean(walk_range), inner_kernel(walk_range)
-
-
-def walk(visitor: Any, laws: Any, pairs: InnerPairs, first: int, special: int, last: int, value: Any) -> Any:
-    """Do the same for kernels that count references to arrays: the walk counts none, which would cost more than pairs.
-
-    Where a user's law makes arrays, it does.
-    """
-    raise NotImplementedError("pairs are visited in compiled loops")
-
-
-@compiled_form(walk)
-def _choose_walk(visitor: Any, laws: Any, pairs: Any, first: Any, special: Any, last: Any, value: Any) -> Any:
-    if makes_arrays(laws):
-        return lambda visitor, laws, pairs, first, special, last, value: _walk_counting(
-            visitor, laws, pairs, first, special, last, value
-        )
-    return lambda visitor, laws, pairs, first, special, last, value: _walk_lean(
-        visitor, laws, pairs, first, special, last, value
-    )
+# the same for kernels that count references to arrays: to count in every walk would cost more than its pairs
+walk = inner_lean(walk_range)
 
 
 @inlined
