@@ -47,7 +47,7 @@ from packmech.effects import Friction, friction_of
 from packmech.honors import declare
 from packmech.jit.compiled import device, inner_lean, kernel
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
-from packmech.minimize.passes.pair_list import search
+from packmech.minimize.passes.pair_list import follow
 from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
 from packmech.result import Outcome
@@ -273,7 +273,7 @@ def _frame(batch, b, doing, control_k):
         if status != SEARCH:
             return status == RUNNING, outside
         acting, axes, state, links, space, pairs, track = system
-        pairs, track = search(axes, state.body, space, pairs, track)
+        pairs, track = follow(axes, state.body, space, pairs, track)
         batch[b] = (EngineSystem(acting, axes, state, links, space, pairs, track), plan)
         doing = NEW_LISTS
 

@@ -338,7 +338,7 @@ def project_velocities(thread, links, axes, body, half):
 def kick_and_drift(system, thread, rows, time, rule, split):
     """Kick the rows of this thread and take them to the end of a step that begins at a time; return how that ended.
 
-    The box and the images follow; where pair lists must be rebuilt, by `search`, nothing is lost: SEARCH.
+    The box and the images follow; where pair lists must be rebuilt, by `follow`, nothing is lost: SEARCH.
     """
     axes, state, space, links, pairs = system.axes, system.state, system.space, system.links, system.pairs
     lattice = space.frame.lattice_dd
