@@ -268,7 +268,7 @@ class _Descent:
             if found is None or found.negative:
                 self.stability = found = stability(self.scene.replace(packing=self.packing()), now.max_force)
             if not found.negative:
-                # Newton's method takes a place that cannot be judged for a saddle
+                # Newton's method counts less exactly with links and shapes
                 balanced = outcome in (Outcome.UNSTABLE, Outcome.UNJAMMED)
                 return Outcome.CONVERGED if met or balanced else outcome
             if number < _ROUNDS - 1:
@@ -319,7 +319,8 @@ class _Descent:
         self.steps += done.steps
         self.newton_steps += done.steps
         self.evaluations += done.force_evaluations
-        self.stability = Stability(done.negative) if done.outcome.ok else None
+        # with links or shapes only as far as the last step saw
+        self.stability = Stability(done.negative) if done.outcome.ok and self.scene.packing.plain else None
         unstable = f"{done.negative} unstable directions" if done.negative else ""
         self._keep("Newton" + note, self.program.evaluate(), done.steps, done.force_evaluations, began, unstable)
         return done.outcome
