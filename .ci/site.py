@@ -37,7 +37,9 @@ def api_page(subject: str, names: dict[str, str]) -> str:
     for name in names:
         found = getattr(pm, name)
         kind = "autoclass" if isinstance(found, type) else "autofunction" if callable(found) else "automodule"
-        lines += [f".. {kind}:: {found.__module__}.{name}" if kind != "automodule" else f".. automodule:: {found.__name__}"]
+        lines += [
+            f".. {kind}:: {found.__module__}.{name}" if kind != "automodule" else f".. automodule:: {found.__name__}"
+        ]
         lines += ["   :members:", ""] if kind == "autoclass" else [""]
     return "\n".join(lines)
 

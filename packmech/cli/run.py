@@ -38,6 +38,7 @@ from packmech.effects import bonds_of
 from packmech.files.modules import load_modules
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
+from packmech.observables import State, measure_added
 from packmech.result import NotConverged, Run
 from packmech.scene import Scene
 from packmech.scenes import run as run_drive
@@ -238,6 +239,8 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
     scene, files = wanted.scene, wanted.files
     about = done if report is None else report
     numbers, title = about.to_dict(), title_of(wanted.name, about)
+    last = done.runs[-1] if hasattr(done, "runs") else done
+    numbers |= {name: value.tolist() for name, value in measure_added(lambda: _end_of(last, scene)).items()}
     bonds = bonds_of(scene.effects)
     if bonds is not None and report is None:
         numbers["bonds"] = len(bonds)
@@ -270,6 +273,13 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
                 summary=(one if label else about).summary().markdown(f"{title} {label}".strip()),
             )
             show(f"recording: {path}   (open it: rerun {path})")
+
+
+def _end_of(run: Run, scene: Scene) -> State:
+    """Return what observables of a user's own are measured of at the end of a run."""
+    dt = getattr(run, "dt", None)
+    moved = (getattr(run, "velocity_nd", None), getattr(run, "spin_nk", None))
+    return State(run.packing, scene.effects, run.steps, None if dt is None else dt * run.steps, *moved)
 
 
 def _labeled(done: Any) -> list[tuple[Run, str]]:
