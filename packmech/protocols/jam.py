@@ -121,8 +121,9 @@ def jam(
         `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
         (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
         rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
-        held redundantly), stress_anisotropy, rounding_floor (the residual that rounding of positions alone can cause),
-        backbone_pressure (the part of the pressure between particles that do not rattle; below .99 the outcome is
+        held redundantly), stress (the whole tensor, Cauchy's with tension positive, of contacts found anew in the
+        packing that is returned) [energy_scale / diameter^d], stress_anisotropy, rounding_floor (the residual that
+        rounding of positions alone can cause), backbone_pressure (the part of the pressure between particles that do not rattle; below .99 the outcome is
         NOT_JAMMED; with links 0 or 1, whether there are such contacts), method, strain, start ("continued",
         "rearranged" or "fresh"), and, where a hard packing was found, hard_packing, hard_contacts,
         hard_excess_contacts,
