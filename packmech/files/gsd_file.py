@@ -60,15 +60,21 @@ _SINGLE = 4 * float(np.finfo(np.float32).eps)
 
 
 @dataclass(frozen=True, eq=False)
-class _Visible:
+class Visible:
     """A packing as the HOOMD schema says it: upper triangular box, particles around its center."""
 
     lattice_dd: NDArray[np.float64]
     position_nd: NDArray[np.float64]
     image_nd: NDArray[np.int32]
 
+    @property
+    def hoomd_box(self) -> list[float]:
+        """The lengths and tilts of the box, of unit height in a plane."""
+        return _hoomd_box(self.lattice_dd)
 
-def _visible(packing: Packing) -> _Visible:
+
+def visible_of(packing: Packing) -> Visible:
+    """Return the packing turned and wrapped as HOOMD and freud want it."""
     lattice = packing.box.lattice_dd
     # the mirrored last vector spans the same lattice, and only a right-handed one can be rotated to triangular form
     sign = np.ones(packing.dimension)
@@ -77,7 +83,7 @@ def _visible(packing: Packing) -> _Visible:
     triangular = np.sign(np.diag(triangular))[:, None] * triangular
     fraction = (packing.position_nd @ packing.box.inverse_dd.T) * sign
     image = np.floor(fraction + 0.5)
-    return _Visible(triangular, (fraction - image) @ triangular.T, image.astype(np.int32))
+    return Visible(triangular, (fraction - image) @ triangular.T, image.astype(np.int32))
 
 
 def _hoomd_box(lattice_dd: NDArray[np.float64]) -> list[float]:
@@ -87,7 +93,8 @@ def _hoomd_box(lattice_dd: NDArray[np.float64]) -> list[float]:
     return [*side, lattice_dd[0, 1] / side[1], lattice_dd[0, 2] / side[2], lattice_dd[1, 2] / side[2]]
 
 
-def _lattice(hoomd_box: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+def hoomd_lattice(hoomd_box: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
+    """Return the (d, d) lattice vectors, in columns, of lengths and tilts of a box."""
     x, y, z, xy, xz, yz = np.asarray(hoomd_box, dtype=np.float64)
     return np.array([[x, xy * y, xz * z], [0.0, y, yz * z], [0.0, 0.0, z]])[:dimension, :dimension]
 
@@ -97,12 +104,12 @@ def frame_of(snapshot: Snapshot) -> Any:
     import gsd.hoomd
 
     packing = snapshot.packing
-    visible = _visible(packing)
+    visible = visible_of(packing)
     dimension = packing.dimension
     frame = gsd.hoomd.Frame()
     frame.configuration.step = snapshot.step or 0
     frame.configuration.dimensions = dimension
-    frame.configuration.box = _hoomd_box(visible.lattice_dd)
+    frame.configuration.box = visible.hoomd_box
     frame.particles.N = packing.particles
     frame.particles.position = _three_axes(visible.position_nd).astype(np.float32)
     frame.particles.image = _three_axes(visible.image_nd).astype(np.int32)
@@ -205,7 +212,7 @@ def _visible_directions(packing: Packing, direction_nd: NDArray[np.float64]) -> 
     lattice = packing.box.lattice_dd
     sign = np.ones(packing.dimension)
     sign[-1] = np.sign(np.linalg.det(lattice))
-    return np.asarray(direction_nd @ ((lattice * sign) @ np.linalg.inv(_visible(packing).lattice_dd)))
+    return np.asarray(direction_nd @ ((lattice * sign) @ np.linalg.inv(visible_of(packing).lattice_dd)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -546,7 +553,7 @@ def snapshot_of_frame(frame: Any) -> tuple[Snapshot, list[str]]:
 
     """
     dimension = int(frame.configuration.dimensions)
-    lattice = _lattice(frame.configuration.box, dimension)
+    lattice = hoomd_lattice(frame.configuration.box, dimension)
     position = np.asarray(frame.particles.position, dtype=np.float64)
     box = Box(lattice)
     if dimension == 2:
@@ -610,7 +617,7 @@ def _agree(exact: Packing, seen: Packing) -> bool:
     along = np.abs((_visible_directions(exact, exact.shapes.axis_bd) * seen.shapes.axis_bd).sum(axis=1))
     if not (np.allclose(aspect, other, rtol=_SINGLE) and (along[aspect != 1.0] > 1.0 - _SINGLE).all()):
         return False
-    visible = _visible(exact)
+    visible = visible_of(exact)
     size = float(np.abs(visible.lattice_dd).max())
     apart = seen.position_nd - visible.position_nd
     return bool(

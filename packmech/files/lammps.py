@@ -398,7 +398,9 @@ def _read_data(path: Path, given: Given) -> tuple[Snapshot, list[str]]:
     arrays, aside = columns.grouped(fields, dimension)
     _unwrap(arrays, image[:dimension], box)
     density = arrays.pop("density", None)
-    if density is not None:
+    if density is not None and not density.any():
+        left_out.append("densities, which are all 0")
+    elif density is not None:
         radius = arrays["radius_n"]
         arrays["mass_n"] = density * np.where(radius > 0.0, _sphere(radius), 1.0)
     if not (arrays.get("spin_nk", np.ones(1)) != 0.0).any():
@@ -604,6 +606,8 @@ def _read_dump(lines: Sequence[str], first: int, given: Given) -> tuple[Snapshot
         item, at = lines[place], first + place
         if item.startswith("ITEM: ATOMS"):
             break
+        if not item.startswith("ITEM:"):
+            raise ValueError(f"line {at} must be an item of a LAMMPS dump ('ITEM: ...'), got {item[:40]!r}")
         size = 3 if item.startswith("ITEM: BOX BOUNDS") else 1
         body = lines[place + 1 : place + 1 + size]
         if len(body) < size:
@@ -621,10 +625,8 @@ def _read_dump(lines: Sequence[str], first: int, given: Given) -> tuple[Snapshot
                     for k, row in enumerate(words)
                 ],
             )
-        elif item.startswith("ITEM:"):
-            left_out.append(f"item {item.removeprefix('ITEM: ')}")
         else:
-            raise ValueError(f"line {at} must be an item of a LAMMPS dump ('ITEM: ...'), got {item[:40]!r}")
+            left_out.append(f"item {item.removeprefix('ITEM: ')}")
         place += 1 + size
     if place >= len(lines) or count < 0 or bounds is None:
         raise ValueError(

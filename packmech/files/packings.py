@@ -111,7 +111,7 @@ def read_packing(
     if frame is not None and not snapshots.format.many:
         raise ValueError(f"frame must be left out for {_shown(snapshots)} files, which hold one packing, got {frame}")
     snapshot, left_out = snapshots.found(-1 if frame is None else frame)
-    _warn(snapshots.path, [*left_out, *snapshot.beside()])
+    warn_of(snapshots.path, [*left_out, *snapshot.beside()])
     return snapshot.packing
 
 
@@ -198,7 +198,7 @@ class Snapshots(Sequence[Snapshot]):
         if isinstance(number, slice):
             return [self[k] for k in range(len(self))[number]]
         snapshot, left_out = self.found(number)
-        _warn(self.path, left_out)
+        warn_of(self.path, left_out)
         return snapshot
 
     def __iter__(self) -> Iterator[Snapshot]:
@@ -223,9 +223,10 @@ class FrameError(IndexError, ValueError):
     """There is no frame of that number."""
 
 
-def _warn(path: Path, left_out: Sequence[str]) -> None:
+def warn_of(where: Path | str, left_out: Sequence[str]) -> None:
+    """List in a warning what was left out of a file, or of another program's object."""
     if left_out:
-        warnings.warn(f"{path}: left out, as a packing has no place for them: {'; '.join(left_out)}", stacklevel=3)
+        warnings.warn(f"{where}: left out, as a packing has no place for them: {'; '.join(left_out)}", stacklevel=3)
 
 
 @honors("links shapes", packing_only=True)
@@ -269,9 +270,8 @@ def write_packing(
     ['x,y,radius,vx,vy', '0.0,0.0,0.5,0.1,0.0']
 
     """
-    snapshot = _snapshot("packing", packing)
+    snapshot = snapshot_of("packing", packing)
     target, chosen = _target(path, format)
-    _bool("drop", drop)
     if law is not None:
         if not is_law(law):
             raise TypeError(f"law must be a law such as Harmonic(...) or None, got {law!r}")
@@ -279,7 +279,7 @@ def write_packing(
             raise ValueError(
                 f"law must be None for {_shown_as(target, chosen)} files (only .npz keeps it), got {law!r}"
             )
-    kept = _kept(snapshot, target, chosen, drop)
+    kept = kept_of(snapshot, chosen, f"{_shown_as(target, chosen)} files", drop)
     with replacing(target) as partial:
         if chosen is NPZ:
             npz.write_npz(kept, partial, law)
@@ -327,10 +327,10 @@ def write_trajectory(
     def each() -> Iterator[Snapshot]:
         nonlocal done
         for one in snapshots:
-            snapshot = _snapshot(f"snapshots[{done}]", one)
+            snapshot = snapshot_of(f"snapshots[{done}]", one)
             if snapshot.step is None:
                 snapshot = snapshot.at_step(done)
-            yield _kept(snapshot, target, chosen, drop)
+            yield kept_of(snapshot, chosen, f"{_shown_as(target, chosen)} files", drop)
             done += 1
 
     with replacing(target) as partial:
@@ -339,7 +339,8 @@ def write_trajectory(
             raise ValueError("snapshots must hold at least one packing, got none")
 
 
-def _snapshot(name: str, given: Any) -> Snapshot:
+def snapshot_of(name: str, given: Any) -> Snapshot:
+    """Return what is given, a snapshot or a packing, as a snapshot."""
     if isinstance(given, Snapshot):
         return given
     instance(name, given, Packing)
@@ -351,21 +352,21 @@ def _bool(name: str, value: Any) -> None:
         raise TypeError(f"{name} must be True or False, got {brief(value)}")
 
 
-def _kept(snapshot: Snapshot, target: Path, chosen: Format, drop: bool) -> Snapshot:
-    """Return what the format keeps of a snapshot; an error names what it does not, unless that is to be dropped."""
+def kept_of(snapshot: Snapshot, chosen: Format, shown: str, drop: bool) -> Snapshot:
+    """Return what a format keeps of a snapshot; an error names what it does not, unless that is to be dropped."""
+    _bool("drop", drop)
     if drop:
         return chosen.kept(snapshot)
-    shown = _shown_as(target, chosen)
     for what, must, got in chosen.not_kept(snapshot):
-        others = [
+        keeping = [
             one.endings[0] for one in FORMATS.values() if what not in {lost for lost, _, _ in one.not_kept(snapshot)}
         ]
-        keep = f"only {', '.join(others[:-1])} and {others[-1]} keep them" if len(others) > 1 else "none keeps them"
-        keep = f"only {others[0]} keeps them" if len(others) == 1 else keep
-        raise ValueError(f"{must} for {shown} files ({keep}; drop=True leaves them out), got {got}")
+        some = f"only {', '.join(keeping[:-1])} and {keeping[-1]} keep them" if len(keeping) > 1 else "none keeps them"
+        keep = f"only {keeping[0]} keeps them" if len(keeping) == 1 else some
+        raise ValueError(f"{must} for {shown} ({keep}; drop=True leaves them out), got {got}")
     for lost in chosen.losses(snapshot):
         must, _, got = lost.rpartition(", got ")
-        raise ValueError(f"packing must have {must} for {shown} files (drop=True leaves the rest out), got {got}")
+        raise ValueError(f"packing must have {must} for {shown} (drop=True leaves the rest out), got {got}")
     return snapshot
 
 
