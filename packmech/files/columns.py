@@ -26,7 +26,7 @@ VECTORS = {
 }
 SCALARS = {"radius_n": "radius", "mass_n": "mass", "aspect_n": "aspect"}
 _NUMBERED = re.compile(r"(.+)\[(\d+)\]$")
-_WHOLE = re.compile(r"[+-]?\d{1,18}$")
+_WHOLE = re.compile(r"[+-]?\d{1,19}$")
 
 
 def arrays_of_particles(snapshot: Snapshot) -> dict[str, NDArray[Any]]:
@@ -125,7 +125,9 @@ def number(word: str) -> float:
 def column_of(words: Sequence[str]) -> NDArray[Any]:
     """Return a column: of integers where all words are, else of numbers, else of the words."""
     if all(_WHOLE.match(word) for word in words):
-        return np.array([int(word) for word in words], dtype=np.int64)
+        whole = [int(word) for word in words]
+        if -(2**63) <= min(whole, default=0) and max(whole, default=0) < 2**63:
+            return np.array(whole, dtype=np.int64)
     try:
         return np.array([number(word) for word in words])
     except ValueError:
@@ -158,6 +160,8 @@ def rows_of(
 
 # columns whose words are numbers in any file
 NUMBERS = frozenset(name for own in VECTORS.values() for name in own) | {"radius", "mass", "diameter", "aspect"}
+# names that readers know besides
+_OTHERS = frozenset("id ix iy iz xu yu zu xs ys zs xsu ysu zsu r d m lattice".split())
 
 
 def columns_of(
@@ -168,3 +172,16 @@ def columns_of(
     for name, words in zip(names, zip(*rows, strict=True), strict=True):
         found[name] = numbers_of(name, words, first_line, lines) if name in NUMBERS else column_of(words)
     return found
+
+
+def can_be_column(name: str, array: NDArray[Any], unwanted: str) -> bool:
+    """Return whether a field is read back from columns of text as it was: names and words without such characters.
+
+    Nor must its name be that of other columns, or words look like numbers.
+    """
+    if name not in VECTORS and (name in NUMBERS or name in _OTHERS or _NUMBERED.match(name)):
+        return False
+    texts = [name, *(array.tolist() if array.dtype.kind == "U" else [])]
+    if any(not text.strip() or text != text.strip() or set(text) & set(unwanted) for text in texts):
+        return False
+    return array.dtype.kind != "U" or column_of(array.tolist()).dtype.kind == "U"

@@ -117,7 +117,7 @@ def from_ase(atoms: Any, *, box: Box | None = None, radius: Any = None) -> Snaps
     """
     if not all(hasattr(atoms, name) for name in ("arrays", "cell", "pbc", "get_chemical_symbols")):
         raise TypeError(f"atoms must be ase.Atoms, got {type(atoms).__name__}")
-    given = Given(box, radius)
+    given = Given.checked(box, radius)
     place, cell = np.array(atoms.positions), np.array(atoms.cell[:])
     flat = not place[:, 2].any() and not cell[2, :2].any() and not cell[:2, 2].any()
     d = box.dimension if box is not None else 2 if list(atoms.pbc) == [True, True, False] and flat else 3
@@ -291,11 +291,14 @@ def from_freud(system: Any, *, radius: Any) -> Snapshot:
     if points is None or not all(hasattr(box, name) for name in ("Lx", "Ly", "Lz", "xy", "xz", "yz", "is2D")):
         raise TypeError(f"system must be a freud box and points, got {type(system).__name__}")
     d = 2 if box.is2D else 3
+    given = Given.checked(None, radius)
+    if radius is None:
+        raise ValueError("radius must be a number, or one for each point, got None")
     sides = np.array([box.Lx, box.Ly, box.Lz, box.xy, box.xz, box.yz], dtype=np.float64)
     place = np.asarray(points, dtype=np.float64)
     if place.ndim != 2 or place.shape[1] != 3 or place[:, d:].any():
         raise ValueError(f"system must have (N, 3) points, at z = 0 in two dimensions, got shape {place.shape}")
-    return snapshot_of_particles({"position_nd": place[:, :d]}, Box(hoomd_lattice(sides, d)), Given(None, radius))
+    return snapshot_of_particles({"position_nd": place[:, :d]}, Box(hoomd_lattice(sides, d)), given)
 
 
 def to_networkx(contacts: Any) -> Any:

@@ -213,7 +213,9 @@ def _box(held: dict[str, str], position: NDArray[np.float64], at: int, given: Gi
 
 
 def _field(name: str, array: NDArray[Any]) -> bool:
-    return ":" not in name and (array.dtype.kind != "U" or bool((np.char.str_len(array) > 0).all()))
+    texts = [name, *(array.tolist() if array.dtype.kind == "U" else [])]
+    blank = any(not text or set(text) & set(" \t\n\r\v\f") for text in texts)
+    return not blank and not set(name) & set(":\"'=") and (name in _NAMES or name not in (*_ALIASES, "diameter"))
 
 
 EXTXYZ = Format("extxyz", (".extxyz", ".xyz"), frozenset((SPHEROIDS, STEP)), _Frames, _write, many=True, field=_field)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import positive_array
+from packmech.check import instance, positive, positive_array
 from packmech.files.snapshot import FIELD_WORDS, Snapshot
 from packmech.shapes import Spheroids
 
@@ -27,6 +27,20 @@ class Given(NamedTuple):
     box: Box | None = None
     radius: Any = None
     style: str = ""
+
+    @staticmethod
+    def checked(box: Any, radius: Any) -> Given:
+        """Return what is given, after checking that it is a box, and radii."""
+        if box is not None:
+            instance("box", box, Box)
+        if isinstance(radius, Mapping):
+            if not radius:
+                raise ValueError("radius must be given for each type, got {}")
+            radius = {key: positive(f"radius[{key!r}]", value) for key, value in radius.items()}
+        elif radius is not None:
+            one = np.ndim(radius) == 0
+            radius = positive("radius", radius) if one else positive_array("radius", radius, shape=(None,))
+        return Given(box, radius)
 
     def radii(self, held: NDArray[np.float64] | None, type_n: NDArray[Any] | None, count: int) -> NDArray[np.float64]:
         """Return the radii of the file, or those given: one for all, for each particle, or for each type."""

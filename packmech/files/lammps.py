@@ -61,6 +61,9 @@ _SUBSTYLES = {
     "dipole": ("q", "mux", "muy", "muz"),
 }
 _PLACE = ("x", "y", "z")
+# lines that stand above a frame's first
+_ABOVE = (b"ITEM: UNITS", b"ITEM: TIME\n", b"ITEM: TIME\r")
+_BLANKS = " \t\n\r\v\f"
 _STYLES = {
     "atomic": ("id", "type", *_PLACE),
     "charge": ("id", "type", "q", *_PLACE),
@@ -577,12 +580,16 @@ class _DumpFrames:
         if not path.stat().st_size:
             return
         with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            before, place = 0, content.find(mark)
-            while place >= 0:
-                line += content[before:place].count(b"\n")
-                self.start.append(place)
+            before, found = 0, content.find(mark)
+            while found >= 0:
+                start = found
+                # lines with the units and the time stand above it
+                while (above := content.rfind(b"ITEM:", before, start)) >= 0 and content[above : above + 11] in _ABOVE:
+                    start = above
+                line += content[before:start].count(b"\n")
+                self.start.append(start)
                 self.line.append(line)
-                before, place = place, content.find(mark, place + 1)
+                before, found = start, content.find(mark, found + 1)
             self.start.append(len(content))
         if not self.line:
             raise ValueError("it must be a LAMMPS dump with lines 'ITEM: TIMESTEP', got none")
@@ -694,8 +701,8 @@ def _dump_lattice(item: str, rows: list[list[float]]) -> tuple[NDArray[np.float6
     return np.array([[x, xy, xz], [0.0, y, yz], [0.0, 0.0, z]]), low, periodic
 
 
-def _not_id(name: str, array: NDArray[Any]) -> bool:
-    return name not in ("id", "ix", "iy", "iz")
+def _dump_field(name: str, array: NDArray[Any]) -> bool:
+    return columns.can_be_column(name, array, _BLANKS)
 
 
 DATA = Format(
@@ -714,5 +721,5 @@ DUMP = Format(
     _DumpFrames,
     _write_dump,
     many=True,
-    field=_not_id,
+    field=_dump_field,
 )

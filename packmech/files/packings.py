@@ -27,16 +27,14 @@ import os
 import uuid
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-import numpy as np
-
 from packmech.box import Box
-from packmech.check import brief, instance, integer, positive, positive_array
+from packmech.check import brief, instance, integer
 from packmech.effects.laws import is_law
 from packmech.files import npz
 from packmech.files.extended_xyz import EXTXYZ
@@ -451,20 +449,13 @@ def _format(path: Path, name: str | None) -> tuple[Format, str]:
 
 
 def _given(chosen: Format, box: Any, radius: Any, style: str) -> Given:
-    if box is not None:
-        instance("box", box, Box)
-    if isinstance(radius, Mapping):
-        if not radius:
-            raise ValueError("radius must be given for each type, got {}")
-        radius = {key: positive(f"radius[{key!r}]", value) for key, value in radius.items()}
-    elif radius is not None:
-        radius = positive("radius", radius) if np.ndim(radius) == 0 else positive_array("radius", radius, shape=(None,))
+    given = Given.checked(box, radius)
     for name, value in {"box": box, "radius": radius}.items():
         if value is not None and chosen in (NPZ, GSD):
             raise ValueError(
                 f"{name} must be left out for {chosen.endings[0]} files, which hold it, got {brief(value)}"
             )
-    return Given(box, radius, style)
+    return given._replace(style=style)
 
 
 def _shown_as(path: Path, chosen: Format) -> str:

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import finite_array, instance, integer, integer_array, table
+from packmech.check import finite_array, instance, integer, integer_array, listed, table
 from packmech.effects.bonds import Bonds
 from packmech.packing import Packing
 
 # fields that formats have names of their own for, as warnings call them
 FIELD_WORDS = {"velocity_nd": "velocities", "force_nd": "forces", "spin_nk": "spins", "torque_nk": "torques"}
 # names that a field cannot have: those of what a packing holds itself
-_TAKEN = frozenset(("position_nd", "radius_n", "mass_n", "aspect_n", "director_nd", "x", "y", "z", "radius", "mass"))
+_TAKEN = frozenset(("position_nd", "radius_n", "mass_n", "aspect_n", "director_nd"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Snapshot:
     packing
         The packing.
     fields
-        Arrays (N,) or (N, k) of numbers, or (N,) of words, by name. Those named `velocity_nd`, `spin_nk`, `force_nd`
+        Arrays (N,) or (N, k) of numbers, or (N,) of words, by name. Those called `velocity_nd`, `spin_nk`, `force_nd`
         and `torque_nk` stand where formats have a place for velocities, angular velocities, forces and torques; others
         have the names that they have in the file.
     bonds
@@ -99,7 +99,7 @@ class Snapshot:
         instance("packing", self.packing, Packing)
         table("fields", self.fields)
         found = {name: self._field(name, value) for name, value in self.fields.items()}
-        bonds = (self.bonds,) if isinstance(self.bonds, Bonds) else tuple(self.bonds)
+        bonds = [self.bonds] if isinstance(self.bonds, Bonds) else listed("bonds", self.bonds, "Bonds")
         for one in bonds:
             instance("bonds", one, Bonds)
             last = int(one.j_b.max(initial=-1))
@@ -117,24 +117,26 @@ class Snapshot:
             object.__setattr__(self, "step", integer("step", self.step, at_least=0))
 
     def _field(self, name: str, value: Any) -> NDArray[Any]:
-        if name in _TAKEN or not name or not name.isprintable() or set(name) & set(' ,;"='):
-            raise ValueError(f"fields must have names of their own without blanks and commas, got {name!r}")
-        array, many = np.asarray(value), self.packing.particles
-        if array.dtype.kind == "U" and array.shape == (many,):
-            found: NDArray[Any] = array.copy()
-        elif array.dtype.kind in "iub":
-            found = integer_array(f"fields[{name!r}]", array.astype(np.int64), shape=(many, None)[: max(array.ndim, 1)])
+        if name in _TAKEN or not name.strip() or not name.isprintable():
+            raise ValueError(f"fields must have names, and of their own, got {name!r}")
+        array, many, d = np.asarray(value), self.packing.particles, self.packing.dimension
+        turning = 1 if d == 2 else 3
+        own = {"velocity_nd": d, "force_nd": d, "spin_nk": turning, "torque_nk": turning}.get(name)
+        shown, shape = f"fields[{name!r}]", (many, None)[: max(array.ndim, 1)]
+        if own is not None:
+            found: NDArray[Any] = finite_array(shown, array, shape=shape)
+            # files make one column of (N, 1) and of (N,) the same
+            found = found[:, None] if found.ndim == 1 else found
+            if found.shape != (many, own):
+                raise ValueError(f"{shown} must have shape {(many, own)}, got {found.shape}")
+        elif array.dtype.kind == "U" and array.shape == (many,):
+            found = array.copy()
+        elif array.dtype.kind in "iufb" and array.ndim in (1, 2) and len(array) == many:
+            found = array.astype(np.float64 if array.dtype.kind == "f" else np.int64)
         else:
-            found = finite_array(f"fields[{name!r}]", value, shape=(many, None)[: max(array.ndim, 1)])
-        if found.ndim == 2 and found.shape[1] == 1 and name not in FIELD_WORDS:
+            found = finite_array(shown, value, shape=shape)
+        if own is None and found.ndim == 2 and found.shape[1] == 1:
             found = found[:, 0]
-        columns = {"velocity_nd": self.packing.dimension, "force_nd": self.packing.dimension}
-        if name in ("spin_nk", "torque_nk") and found.ndim == 1:
-            found = found[:, None]
-        turning = 1 if self.packing.dimension == 2 else 3
-        columns |= {"spin_nk": turning, "torque_nk": turning}
-        if name in columns and found.shape != (many, columns[name]):
-            raise ValueError(f"fields[{name!r}] must have shape {(many, columns[name])}, got {found.shape}")
         found.setflags(write=False)
         return found
 
@@ -166,7 +168,7 @@ class Snapshot:
             isinstance(other, Snapshot)
             and self.packing == other.packing
             and self.fields.keys() == other.fields.keys()
-            and all(np.array_equal(value, other.fields[name]) for name, value in self.fields.items())
+            and all(_same(value, other.fields[name]) for name, value in self.fields.items())
             and self.bonds == other.bonds
             and self.contact_forces == other.contact_forces
             and self.step == other.step
@@ -190,6 +192,10 @@ class Snapshot:
             yield f"{sum(map(len, self.bonds))} springs (bonds)"
         if self.contact_forces is not None:
             yield f"forces of {len(self.contact_forces.i_c)} contacts"
+
+
+def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
 
 
 def sizes_tell(type_n: NDArray[Any], radius_n: NDArray[np.float64]) -> bool:

@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.files import columns
@@ -225,4 +226,11 @@ def _no_field(name: str, array: Any) -> bool:
 
 
 PLAIN = Format("table", (".txt", ".dat"), frozenset(), _frames, _write_plain, field=_no_field)
-CSV = Format("csv", (".csv",), frozenset((SPHEROIDS, STEP)), _frames, _write_csv)
+
+
+def _field(name: str, array: NDArray[Any]) -> bool:
+    # a blank before a bracket begins a unit
+    return columns.can_be_column(name, array, "#\n\r") and not re.search(r"\s[\[(]", name)
+
+
+CSV = Format("csv", (".csv",), frozenset((SPHEROIDS, STEP)), _frames, _write_csv, field=_field)

@@ -65,12 +65,16 @@ def test_bonds_of_lammps_are_springs_and_a_hybrid_says_of_what():
 
 
 def test_a_dump_of_lammps_in_scaled_coordinates_is_a_trajectory():
-    frames = pm.read_trajectory(MADE / "moved.dump")
+    snapshots = pm.read_trajectory(MADE / "moved.dump")
+    with pytest.warns(UserWarning, match="moved.dump: left out, .*: item UNITS; item TIME$"):
+        assert snapshots[0].step == 0
+    with pytest.warns(UserWarning, match="moved.dump: left out, .*item TIME$"):
+        frames = list(snapshots)
     assert [one.step for one in frames] == [0, 1, 2] and all(one.packing.box == PLANE for one in frames)
     np.testing.assert_allclose(frames[1].packing.position_nd[0], [1.5, 0.25], rtol=2e-6)
     np.testing.assert_allclose(frames[2].packing.position_nd, frames[2].fields["c_far"], rtol=2e-5)
     assert frames[0].fields["spin_nk"].tolist() == [[0.0], [0.125], [0.0]]
-    words = r"left out, .*: velocities; spins; fields c_far$"
+    words = r"left out, .*: item UNITS; item TIME; velocities; spins; fields c_far$"
     with pytest.warns(UserWarning, match=words):
         assert pm.read_packing(MADE / "moved.dump", frame=0).radius_n.tolist() == [0.5, 0.75, 0.5]
 

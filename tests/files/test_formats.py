@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 import packmech as pm
 from packmech.files.packings import FORMATS
@@ -262,3 +264,80 @@ def test_the_format_may_be_named_where_the_ending_does_not_say_it(tmp_path):
         pm.read_packing(tmp_path / "data.jammed")
     with pytest.raises(ValueError, match="format must be one of 'npz', 'gsd', .*, got 'pdb'"):
         pm.read_packing(tmp_path / "data.jammed", format="pdb")
+
+
+# -- numbers and names of all kinds ------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.tuples(*[st.floats(-1e9, 1e9)] * 3), min_size=1, max_size=4),
+    st.floats(1e-59, 1e59),
+    st.lists(st.floats(-10.0, 10.0), min_size=6, max_size=6),
+    st.sampled_from([2, 3]),
+)
+@pytest.mark.parametrize("ending", [".csv", ".data", ".dump", ".extxyz"])
+def test_any_double_that_a_packing_holds_survives(tmp_path, ending, positions, radius, tilts, dimension):
+    lattice = np.array([[3.0, tilts[0], tilts[1]], [0.0, 2.0, tilts[2]], [0.0, 0.0, 5.0]])
+    lattice[1, 0], lattice[2, 0], lattice[2, 1] = 0.0, 0.0, 0.0
+    packing = pm.Packing(
+        (np.array(positions) * radius)[:, :dimension], radius, pm.Box(radius * lattice[:dimension, :dimension])
+    )
+    fields = {"velocity_nd": 1e-9 * packing.position_nd, "heat": packing.position_nd[:, 0] / 3.0}
+    fields = {name: one for name, one in fields.items() if ending != ".data" or name != "heat"}
+    pm.write_packing(pm.Snapshot(packing, fields), tmp_path / f"a{ending}")
+    (found,) = pm.read_trajectory(tmp_path / f"a{ending}")
+    assert found.packing == packing
+    for name, array in fields.items():
+        np.testing.assert_array_equal(found.fields[name], array)
+
+
+def test_the_sign_of_z_does_not_make_a_plane_of_a_layer_in_space(tmp_path):
+    layer = pm.Packing([[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]], 0.5, [3.0, 3.0, 1.0])
+    for ending in (".data", ".dump", ".extxyz", ".csv", ".vtp"):
+        needs(ending)
+        pm.write_packing(layer, tmp_path / f"a{ending}")
+        assert pm.read_packing(tmp_path / f"a{ending}") == layer
+
+
+@pytest.mark.parametrize("ending", [".csv", ".dump", ".extxyz", ".npz"])
+def test_fields_of_words_whole_numbers_and_nothing_come_back(tmp_path, ending):
+    own = {
+        "label": np.array(["a", "b;c", "10d"]),
+        "large": np.array([2**63 - 1, -(2**63), 0]),
+        "missing": np.array([np.nan, np.inf, 1.0]),
+        "pair": np.array([[1.5, np.nan], [2.0, 3.0], [0.0, 1.0]]),
+    }
+    snapshot = pm.Snapshot(pm.Packing([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], 0.5, 5.0), own)
+    pm.write_packing(snapshot, tmp_path / f"a{ending}")
+    (found,) = pm.read_trajectory(tmp_path / f"a{ending}")
+    assert pm.Snapshot(found.packing, {name: found.fields[name] for name in own}) == snapshot
+
+
+@pytest.mark.parametrize(
+    ("ending", "name", "value"),
+    [
+        (".csv", "a#b", [1.0, 2.0]),
+        (".csv", "x [mm]", [1.0, 2.0]),
+        (".csv", "r", [1.0, 2.0]),
+        (".csv", "vx", [1.0, 2.0]),
+        (".csv", "label", ["a#b", "c"]),
+        (".csv", "label", ["1", "2"]),
+        (".csv", "label", [" a", "c"]),
+        (".dump", "label", ["a b", "c"]),
+        (".dump", "xu", [1.0, 2.0]),
+        (".dump", "a[1]", [1.0, 2.0]),
+        (".extxyz", "a:b", [1.0, 2.0]),
+        (".extxyz", "radius", [1.0, 2.0]),
+        (".gsd", "label", ["a", "b"]),
+        (".vtp", "label", ["a", "b"]),
+        (".data", "heat", [1.0, 2.0]),
+        (".txt", "velocity_nd", [[1.0, 2.0], [3.0, 4.0]]),
+    ],
+)
+def test_fields_that_would_be_read_back_as_something_else_are_refused(tmp_path, ending, name, value):
+    snapshot = pm.Snapshot(pm.Packing([[0.0, 0.0], [1.0, 0.0]], 0.5, 5.0), {name: value})
+    with pytest.raises(ValueError, match=f"packing must have no fields .* for {ending} files"):
+        pm.write_packing(snapshot, tmp_path / f"a{ending}")
+    pm.write_packing(snapshot, tmp_path / f"a{ending}", drop=True)
+    assert pm.read_packing(tmp_path / f"a{ending}") == snapshot.packing
