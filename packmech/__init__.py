@@ -57,6 +57,7 @@ _PUBLIC = {
     "read_law": "packmech.files.packings",
     "read_packing": "packmech.files.packings",
     "read_trajectory": "packmech.files.packings",
+    "snapshots": "packmech.view.trajectory",
     "write_packing": "packmech.files.packings",
     "write_trajectory": "packmech.files.packings",
     # scenes and effects

@@ -777,6 +777,7 @@ def good(name, folder):
         "read_trajectory": {"path": folder / "a.npz"},
         "write_trajectory": {"snapshots": [touching()], "path": folder / "b.dump"},
         "Snapshot": {"packing": touching()},
+        "snapshots": {"run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0), "scene": scene()},
         "from_ase": {"atoms": pm.to_ase(touching())},
         "from_hoomd": {"frame": pm.to_hoomd(touching())},
         "from_freud": {"system": pm.to_freud(touching()), "radius": 0.5},

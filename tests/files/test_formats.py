@@ -341,3 +341,27 @@ def test_fields_that_would_be_read_back_as_something_else_are_refused(tmp_path, 
         pm.write_packing(snapshot, tmp_path / f"a{ending}")
     pm.write_packing(snapshot, tmp_path / f"a{ending}", drop=True)
     assert pm.read_packing(tmp_path / f"a{ending}") == snapshot.packing
+
+
+def test_a_run_is_written_as_a_trajectory_with_velocities_spins_and_forces(tmp_path):
+    packing = pm.random_packing(30, dimension=2, packing_fraction=0.95, seed=1)
+    scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring()), pm.Friction(0.5)))
+    run = pm.simulate(scene, steps=30, dt=0.02, temperature=1e-3, seed=1, trace_every=10, trace_positions=True)
+    kept = list(pm.snapshots(run, scene))
+    assert [one.step for one in kept] == [0, 10, 20, 30]
+    for f, one in enumerate(kept):
+        np.testing.assert_array_equal(one.packing.position_nd, run.trace.position_tnd[f])
+        np.testing.assert_array_equal(one.fields["velocity_nd"], run.trace.velocity_tnd[f])
+        np.testing.assert_array_equal(one.fields["spin_nk"], run.trace.spin_tnk[f])
+        contacts, forces = pm.find_contacts(one.packing), one.contact_forces
+        np.testing.assert_array_equal(forces.image_cd, contacts.image_cd)
+        overlap = contacts.contact_distance_c - contacts.distance_c
+        np.testing.assert_allclose(forces.normal_c, overlap, rtol=1e-9, atol=1e-12)
+        size = np.linalg.norm(forces.tangential_cd, axis=1)
+        assert (size <= 0.5 * forces.normal_c * (1.0 + 1e-9) + 1e-12).all() and (f == 0 or size.max() > 0.0)
+    pm.write_trajectory(pm.snapshots(run, scene), tmp_path / "run.gsd")
+    assert list(pm.read_trajectory(tmp_path / "run.gsd")) == kept
+    pm.write_trajectory(pm.snapshots(run, scene), tmp_path / "run.dump", drop=True)
+    for one, written in zip(kept, pm.read_trajectory(tmp_path / "run.dump"), strict=True):
+        assert written.packing == one.packing
+        np.testing.assert_array_equal(written.fields["spin_nk"], one.fields["spin_nk"])
