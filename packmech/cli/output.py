@@ -33,7 +33,10 @@ Load = Annotated[
 ]
 Switch = Annotated[bool, Parameter(show_default=False)]
 Json = Annotated[Path | None, Parameter(help="write the numbers as JSON")]
-Out = Annotated[Path | None, Parameter(help="write the packing: .npz (exact), .gsd or .txt")]
+Out = Annotated[
+    Path | None,
+    Parameter(help="write the packing: .npz, .gsd, .data, .dump, .extxyz, .vtp, .csv, ... (as pm.write_packing)"),
+]
 Record = Annotated[Path | None, Parameter(help="Rerun recording; not written unless given")]
 Modes = Annotated[int, Parameter(help="how many of the lowest vibrations to find")]
 Seed = Annotated[int | None, Parameter(help="another seed for the scene's random start")]

@@ -161,7 +161,9 @@ def rows_of(
 # columns whose words are numbers in any file
 NUMBERS = frozenset(name for own in VECTORS.values() for name in own) | {"radius", "mass", "diameter", "aspect"}
 # names that readers know besides
-_OTHERS = frozenset("id ix iy iz xu yu zu xs ys zs xsu ysu zsu r d m lattice".split())
+_OTHERS = frozenset(
+    "id ix iy iz xu yu zu xs ys zs xsu ysu zsu r d m lattice shapex shapey shapez quatw quati quatj quatk".split()
+)
 
 
 def columns_of(

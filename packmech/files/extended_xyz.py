@@ -4,10 +4,12 @@ Of each frame a line with the number of particles, one with ``Lattice`` (the lat
 ``Properties``, ``pbc`` (``"T T F"`` in two dimensions, where the third lattice vector is of length one and z is 0) and
 ``Timestep``, then a line for each particle: ``species`` (the field of that name, else X), ``pos``, ``radius``,
 ``masses`` where given, ``aspect`` and ``director`` of ellipses and spheroids, and fields, those with names of their own
-as ``velo``, ``spin``, ``forces`` and ``torque``. Positions need not lie in the cell. Numbers have as many digits as
-they need to be read back exactly (ASE's own writer has eight). Not kept are links, tangential displacements, rigid
-bodies, springs and forces of contacts. Read are also ``radii``, ``diameter``, ``mass``, ``velocities``, ``force``;
-other columns are fields, and other entries of the second line are left out, and listed in a warning.
+as ``velo``, ``spin``, ``forces`` and ``torque``. OVITO draws spheroids by ``aspherical_shape``, semi-axes, and
+``orientation``, quaternions, which are written, too, and read of other programs. Positions need not lie in the cell.
+Numbers have as many digits as they need to be read back exactly (ASE's own writer has eight). Not kept are links,
+tangential displacements, rigid bodies, springs and forces of contacts. Read are also ``radii``, ``diameter``, ``mass``,
+``velocities``, ``force``; other columns are fields, and other entries of the second line are left out, and listed in a
+warning.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.files import columns
 from packmech.files.formats import SPHEROIDS, STEP, Format, Given
+from packmech.files.orientations import quaternions_to, rotations_of, spheroids_of
 from packmech.files.snapshot import Snapshot
+from packmech.shapes import Spheroids
 
 _ENTRY = re.compile(r"""([A-Za-z_][\w.\-]*|"[^"]*")(?:\s*=\s*("(?:[^"\\]|\\.)*"|'[^']*'|\{[^}]*\}|\[[^\]]*\]|\S+))?""")
 _NAMES = {
@@ -46,6 +50,8 @@ _ALIASES = {name: own for own, name in _NAMES.items()} | {
     "velocities": "velocity_nd",
     "force": "force_nd",
 }
+# semi-axes of ellipsoids, and the quaternions that turn these, real part last, as OVITO has them
+_SHAPE, _QUATERNION = "aspherical_shape", "orientation"
 _VECTORS = ("position_nd", "velocity_nd", "force_nd", "director_nd")
 _TURNING = ("spin_nk", "torque_nk")
 _LETTERS = {"f": "R", "i": "I", "U": "S"}
@@ -68,6 +74,10 @@ def _lines(snapshot: Snapshot) -> list[str]:
         if name in _VECTORS and packing.dimension == 2:
             array = np.column_stack([array, np.zeros(packing.particles)])
         table[_NAMES.get(name, name)] = array
+    if isinstance(packing.shapes, Spheroids):
+        along, across = packing.shapes.semi_axes(packing.radius_n)
+        table[_SHAPE] = np.column_stack([along, across, across])
+        table[_QUATERNION] = np.roll(quaternions_to(packing.shapes.director_nd), -1, axis=1)
     widths = {name: 1 if array.ndim == 1 else array.shape[1] for name, array in table.items()}
     properties = ":".join(f"{name}:{_LETTERS[array.dtype.kind]}:{widths[name]}" for name, array in table.items())
     head = [
@@ -154,6 +164,10 @@ def _read(comment: str, body: Sequence[str], at: int, given: Given) -> tuple[Sna
         del arrays["species"]
     if "diameter" in arrays and "radius_n" not in arrays:
         arrays["radius_n"] = 0.5 * arrays.pop("diameter")
+    seen = [arrays.pop(name) for name in (_SHAPE, _QUATERNION)] if {_SHAPE, _QUATERNION} <= arrays.keys() else []
+    if seen and "director_nd" not in arrays and (seen[0].shape[1:], seen[1].shape[1:]) == ((3,), (4,)):
+        arrays["radius_n"], shapes = spheroids_of(seen[0], rotations_of(np.roll(seen[1], 1, axis=1)), dimension)
+        arrays |= {"aspect_n": shapes.aspect_n, "director_nd": shapes.director_nd}
     # radii that are given by type are given by species here
     if species is not None and isinstance(given.radius, dict) and "type" not in arrays:
         given = given._replace(radius=given.radii(arrays.pop("radius_n", None), species, len(species)))
@@ -215,7 +229,11 @@ def _box(held: dict[str, str], position: NDArray[np.float64], at: int, given: Gi
 def _field(name: str, array: NDArray[Any]) -> bool:
     texts = [name, *(array.tolist() if array.dtype.kind == "U" else [])]
     blank = any(not text or set(text) & set(" \t\n\r\v\f") for text in texts)
-    return not blank and not set(name) & set(":\"'=") and (name in _NAMES or name not in (*_ALIASES, "diameter"))
+    return (
+        not blank
+        and not set(name) & set(":\"'=")
+        and (name in _NAMES or name not in (*_ALIASES, "diameter", _SHAPE, _QUATERNION))
+    )
 
 
 EXTXYZ = Format("extxyz", (".extxyz", ".xyz"), frozenset((SPHEROIDS, STEP)), _Frames, _write, many=True, field=_field)

@@ -45,6 +45,7 @@ from packmech.box import Box
 from packmech.check import finite_array, positive, positive_array
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, STEP, Format, Given, numeric
 from packmech.files.npz import FIELD, LINK_GROUP, REQUIRED, arrays_beside, arrays_of, is_own, snapshot_in
+from packmech.files.orientations import ROUNDING, quaternions_to, rotations_of, spheroids_of
 from packmech.files.snapshot import Snapshot
 from packmech.generate.rigid import UnionBody, beads_of, body_of, orientation_of
 from packmech.honors import LINK_TOLERANCE
@@ -56,7 +57,7 @@ from packmech.shapes import Beads, Shapes, Spheroids
 _LOG, _OF_PARTICLES, _OF_BONDS = "packmech/", "particles/", "bonds/"
 _BOND_TYPES = ["bond", "shape"]
 _SPRING, _CONTACT = "spring", "contact"
-_SINGLE = 4 * float(np.finfo(np.float32).eps)
+_SINGLE = ROUNDING
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,13 +198,8 @@ def _(shapes: Spheroids, frame: Any, packing: Packing) -> NDArray[np.int64]:
     frame.particles.type_shapes = [
         {"type": "Ellipsoid", "a": float(a), "b": float(b), "c": float(b)} for a, b in zip(along, across, strict=True)
     ]
-    director = _three_axes(_visible_directions(packing, shapes.director_nd))
-    # the turn of the first axis to the director, about what is across both
-    turn = np.column_stack([1.0 + director[:, 0], np.zeros(len(director)), -director[:, 2], director[:, 1]])
-    back = turn[:, 0] < 1e-6
-    turn[back] = (0.0, 0.0, 0.0, 1.0)
-    turn /= np.sqrt((turn**2).sum(axis=1, keepdims=True))
-    frame.particles.orientation = turn.astype(np.float32)
+    director = _visible_directions(packing, shapes.director_nd)
+    frame.particles.orientation = quaternions_to(director).astype(np.float32)
     return np.asarray(type_n.ravel(), dtype=np.int64)
 
 
@@ -267,22 +263,6 @@ def _size(definition: dict[str, Any], key: str, name: str) -> float:
     return positive(f"{key} of type {name!r}", definition[key])
 
 
-def _turns(frame: Any) -> NDArray[np.float64]:
-    """Return the (N, 3, 3) rotations of the frame's particles, whose columns are the turned axes."""
-    turn = np.asarray(frame.particles.orientation, dtype=np.float64)
-    size = np.sqrt((turn**2).sum(axis=1))
-    if not (np.abs(size - 1.0) < 1e-3).all():
-        n = int(np.abs(size - 1.0).argmax())
-        raise ValueError(f"its orientations must be unit quaternions, got {turn[n].tolist()} for particle {n}")
-    w, x, y, z = (turn / size[:, None]).T
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
-
-
 def _seen_shapes(frame: Any, dimension: int) -> _Seen:
     """Return what the frame's particles are, by the shape definitions of their types or else by their diameters."""
     definition_n = _definitions(frame)
@@ -321,34 +301,8 @@ def _seen_spheroids(
         if one.get("type") == "Ellipsoid":
             # a definition in the plane may leave c out
             axes[n] = [_size(one, key, names[n]) for key in ("a", "b", "c" if "c" in one else "b")]
-    turn = _turns(frame)
-    many = np.arange(len(axes))
-    if dimension == 2:
-        # in the plane are the two axes that are not along z
-        upright = np.abs(turn[:, 2]).argmax(axis=1)
-        tilted = (np.abs(turn[many, 2, upright]) < 1.0 - 1e-5) & (np.ptp(axes, axis=1) > 0.0)
-        if tilted.any():
-            n = int(tilted.argmax())
-            raise ValueError(
-                f"its ellipsoids must have an axis along z in two dimensions, got another for particle {n}"
-            )
-        first, other = np.array([[1, 2], [0, 2], [0, 1]])[upright].T
-    else:
-        # the axis that differs from the others, which are equal; the first where all are
-        pair = np.array([[1, 2], [0, 2], [0, 1]])
-        apart = np.abs(axes[:, pair[:, 0]] - axes[:, pair[:, 1]]) / axes.max(axis=1, keepdims=True)
-        equal = apart <= _SINGLE
-        if not equal.any(axis=1).all():
-            n = int((~equal.any(axis=1)).argmax())
-            raise ValueError(
-                f"its ellipsoids must have two equal axes, got {axes[n].tolist()} for particle {n} of type {names[n]!r}"
-            )
-        first = equal.argmax(axis=1)
-        other = pair[first, 0]
-    along, across = axes[many, first], axes[many, other]
-    director = turn[many, :dimension, first]
-    radius = np.sqrt(along * across) if dimension == 2 else np.cbrt(along * across * axes[many, pair[first, 1]])
-    return _Seen(radius, Spheroids(along / across, director), np.zeros((len(axes), dimension)))
+    radius, shapes = spheroids_of(axes, rotations_of(frame.particles.orientation), dimension, names)
+    return _Seen(radius, shapes, np.zeros((len(axes), dimension)))
 
 
 def _seen_beads(
@@ -364,7 +318,7 @@ def _seen_beads(
                 _union(one, name, dimension) if key[1] == 0.0 else body_of(np.zeros((1, dimension)), np.array([radius]))
             )
         own.append(known[key])
-    turn = _turns(frame)
+    turn = rotations_of(frame.particles.orientation)
     if dimension == 2 and (np.abs(turn[:, 2, 2]) < 1.0 - 1e-5).any():
         n = int(np.abs(turn[:, 2, 2]).argmin())
         raise ValueError(

@@ -20,9 +20,10 @@ Data files (``.data``, ``.lmp``; one packing)
     angles and what belongs to them are left out, and listed in a warning.
 Dumps (``.dump``, ``.lammpstrj``; trajectories)
     Columns ``id type x y z radius`` (``xu yu zu`` where particles lie outside the cell), ``mass`` where given,
-    ``aspect`` and ``director_x ...`` of ellipses and spheroids, fields. Read are ``x xu xs xsu``, with ``ix iy iz`` or
-    without, and ``radius`` or ``diameter``; other columns are fields. Not kept are links, tangential displacements,
-    rigid bodies, springs and forces of contacts.
+    ``aspect`` and ``director_x ...`` of ellipses and spheroids, fields. OVITO draws these by ``shapex shapey shapez``,
+    diameters along their axes, and ``quatw quati quatj quatk``, which are written, too, and read of other programs.
+    Read are ``x xu xs xsu``, with ``ix iy iz`` or without, and ``radius`` or ``diameter``; other columns are fields.
+    Not kept are links, tangential displacements, rigid bodies, springs and forces of contacts.
 """
 
 from __future__ import annotations
@@ -42,9 +43,11 @@ from packmech.effects.bonds import Bonds
 from packmech.effects.laws import LinearSpring
 from packmech.files import columns
 from packmech.files.formats import BONDS, LINKS, SPHEROIDS, STEP, Format, Given, One
+from packmech.files.orientations import quaternions_to, rotations_of, spheroids_of
 from packmech.files.snapshot import Snapshot
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing, masses_of_density
+from packmech.shapes import Spheroids
 
 # LAMMPS's planes lie between these heights
 _LOW, _HIGH = -0.5, 0.5
@@ -61,6 +64,8 @@ _SUBSTYLES = {
     "dipole": ("q", "mux", "muy", "muz"),
 }
 _PLACE = ("x", "y", "z")
+# diameters along the axes of ellipsoids, and what turns these, as OVITO takes them
+_SHAPE, _QUATERNION = ("shapex", "shapey", "shapez"), ("quatw", "quati", "quatj", "quatk")
 # lines that stand above a frame's first
 _ABOVE = (b"ITEM: UNITS", b"ITEM: TIME\n", b"ITEM: TIME\r")
 _BLANKS = " \t\n\r\v\f"
@@ -553,6 +558,10 @@ def _dump_lines(snapshot: Snapshot, number: int) -> list[str]:
     arrays = columns.arrays_of_particles(snapshot)
     arrays.pop("type", None)
     table = {"id": np.arange(1, packing.particles + 1), "type": _types(snapshot), **columns.flat(arrays)}
+    if isinstance(packing.shapes, Spheroids):
+        along, across = packing.shapes.semi_axes(packing.radius_n)
+        table |= dict(zip(_SHAPE, (2.0 * along, 2.0 * across, 2.0 * across), strict=True))
+        table |= dict(zip(_QUATERNION, quaternions_to(packing.shapes.director_nd).T, strict=True))
     if packing.dimension == 2:
         names = list(table)
         at = names.index("y") + 1
@@ -678,8 +687,16 @@ def _dump_snapshot(
         raise ValueError("its box must be periodic (pp) along each axis, got another: give the periodic box as box=")
     box = given.box_in(None if given.box is not None else held)
     image = [table.pop(name, None) for name in ("ix", "iy", "iz")]
+    named = (*_SHAPE, *_QUATERNION)
+    seen = {name: table.pop(name) for name in named} if set(named) <= table.keys() else {}
     arrays, aside = columns.grouped(table, dimension)
     _unwrap(arrays, image[:dimension], box)
+    if seen and "director_nd" not in arrays:
+        # another program's: LAMMPS's shapes are diameters
+        axes = 0.5 * np.column_stack([seen[name] for name in _SHAPE])
+        turn = rotations_of(np.column_stack([seen[name] for name in _QUATERNION]))
+        arrays["radius_n"], shapes = spheroids_of(axes, turn, dimension)
+        arrays |= {"aspect_n": shapes.aspect_n, "director_nd": shapes.director_nd}
     return columns.snapshot_of_particles(arrays, box, given, step), [*left_out, *aside]
 
 

@@ -4,7 +4,7 @@
 |---|---|---|
 | ``npz`` | ``.npz`` | everything, the law too (`packmech.files.npz`) |
 | ``gsd`` | ``.gsd`` | everything, also trajectories; for HOOMD, freud, OVITO (`packmech.files.gsd_file`) |
-| ``vtk`` | ``.vtp``, ``.vtk`` | everything; for ParaView (`packmech.files.vtk_file`) |
+| ``vtk`` | ``.vtp`` | everything; for ParaView (`packmech.files.vtk_file`) |
 | ``lammps-data`` | ``.data``, ``.lmp`` | links, linear springs, velocities, spins (`packmech.files.lammps`) |
 | ``lammps-dump`` | ``.dump``, ``.lammpstrj`` | ellipses and spheroids, fields, trajectories (`packmech.files.lammps`) |
 | ``extxyz`` | ``.extxyz``, ``.xyz`` | ellipses and spheroids, fields, trajectories (`packmech.files.extended_xyz`) |
@@ -16,9 +16,10 @@ is refused, by name, unless ``drop=True`` says to leave it out. What stands in a
 has no place for, such as velocities, is listed in a warning by `read_packing`, and is there in the `Snapshot` that
 `read_trajectory` gives, of files of one packing, too.
 
-Why each is read and written as it is: gsd and VTK through the libraries of those formats (``gsd``, ``vtk``). LAMMPS
-data, dumps and extended xyz are packmech's own: the writers of ASE round positions to eight digits, know no radii of
-granular styles, and turn boxes. The last column of the table names the modules, whose heads describe the files.
+Only gsd is read and written through a library, ``gsd``. LAMMPS data, dumps and extended xyz are packmech's own, for the
+writers of ASE round positions to eight digits, know no radii of granular styles, and turn boxes; VTK, for its library
+ends the interpreter where a file is broken. The last column of the table names the modules, whose heads describe the
+files.
 """
 
 from __future__ import annotations
@@ -50,6 +51,11 @@ from packmech.packing import Packing
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
+# what libraries raise at broken files; numbers of bytes that are no such numbers ask for any memory
+_UNREADABLE = (
+    *(OSError, EOFError, RuntimeError, MemoryError, LookupError, ArithmeticError, TypeError, ValueError),
+    zipfile.BadZipFile,
+)
 
 FORMATS = {one.name: one for one in (NPZ, GSD, PLAIN, CSV, DATA, DUMP, EXTXYZ, VTK)}
 _ENDINGS = {ending: one for one in FORMATS.values() for ending in one.endings}
@@ -90,8 +96,6 @@ def read_packing(
         If there is no such file.
     TypeError, ValueError
         Naming the file, the line, and what is wrong with it or in it; or the argument.
-    ImportError
-        For VTK without the package vtk, which the extra `formats` brings.
 
     Examples
     --------
@@ -133,7 +137,7 @@ def read_trajectory(
 
     Raises
     ------
-    FileNotFoundError, TypeError, ValueError, ImportError
+    FileNotFoundError, TypeError, ValueError
         As of `pm.read_packing`.
 
     Examples
@@ -252,8 +256,6 @@ def write_packing(
     TypeError, ValueError
         Naming the argument: not a packing, an ending without a format, a folder that does not exist, what the format
         has no place for.
-    ImportError
-        For VTK without the package vtk, which the extra `formats` brings.
 
     Examples
     --------
@@ -472,5 +474,15 @@ def _in_file(path: Path, read: Callable[[], T]) -> T:
     """Return what `read` returns; its errors, of whatever library, become one ValueError that names the file."""
     try:
         return read()
-    except (OSError, EOFError, RuntimeError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+    except (
+        OSError,
+        EOFError,
+        RuntimeError,
+        MemoryError,
+        LookupError,
+        ArithmeticError,
+        TypeError,
+        ValueError,
+        zipfile.BadZipFile,
+    ) as error:
         raise ValueError(f"path must name a readable packing, got {str(path)!r}: {error}") from error

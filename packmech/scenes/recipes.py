@@ -204,7 +204,7 @@ def _prepared(
 
 @packing_kind
 def _file(path: str, folder: Path, density: float | None = None, frame: int | None = None) -> Packing:
-    """Return the packing in a file; its path is relative to the scene file. `frame` is one of a .gsd trajectory."""
+    """Return the packing in a file; its path is relative to the scene file. `frame` is one of a trajectory."""
     packing = read_packing(folder / path, frame=frame)
     if density is None:
         return packing

@@ -100,9 +100,9 @@ def test_files_of_ovito_are_read(name):
     assert found.box == SPACE
 
 
-@pytest.mark.parametrize("name", ["points.vtk", "points.vtp"])
+@pytest.mark.parametrize("name", ["ascii", "binary", "appended", "raw", "compressed", "old", "grid"])
 def test_points_of_vtk_are_particles_in_the_box_that_is_given(name):
-    pytest.importorskip("vtkmodules")
+    name = f"{name}.vtp"
     found = only(MADE / name, box=SPACE)
     assert found.packing == pm.Packing([[0.5, 0.25, 1.0], [1.75, 0.5, 1.5]], [0.5, 0.75], SPACE)
     assert found.fields["velocity_nd"].tolist() == [[0.25, 0.0, 0.0], [0.0, 0.0, 0.5]]
@@ -284,6 +284,40 @@ def test_ovito_sees_positions_radii_box_and_velocities(tmp_path, ending, dimensi
     np.testing.assert_allclose(seen.particles["Radius"], packing.radius_n, rtol=1e-6)
     seen_velocity = np.asarray(seen.particles["Velocity"])[:, :dimension]
     np.testing.assert_allclose(seen_velocity, velocity, rtol=rounding, atol=rounding)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("ending", [".dump", ".extxyz", ".gsd"])
+def test_ovito_sees_ellipsoids_as_they_are_turned(tmp_path, ending, dimension):
+    io = pytest.importorskip("ovito.io")
+    rng = np.random.default_rng(3)
+    shapes = pm.Spheroids(rng.choice([0.5, 2.0], 60), rng.normal(size=(60, dimension)))
+    packing = discs(dimension).replace(shapes=shapes)
+    pm.write_packing(packing, tmp_path / f"a{ending}")
+    particles = io.import_file(str(tmp_path / f"a{ending}")).compute().particles
+    if ending != ".gsd":  # in which particle types have shapes
+        along, across = shapes.semi_axes(packing.radius_n)
+        np.testing.assert_allclose(particles["Aspherical Shape"], np.column_stack([along, across, across]), rtol=1e-6)
+    x, y, z, w = np.asarray(particles["Orientation"], dtype=float).T
+    first = np.column_stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])[:, :dimension]
+    np.testing.assert_allclose(first, shapes.director_nd, atol=2e-6)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("ending", [".dump", ".extxyz"])
+def test_ellipsoids_of_other_programs_are_read_from_axes_and_quaternions(tmp_path, ending, dimension):
+    rng = np.random.default_rng(3)
+    shapes = pm.Spheroids(rng.choice([0.5, 2.0], 60), rng.normal(size=(60, dimension)))
+    packing = discs(dimension).replace(shapes=shapes)
+    pm.write_packing(packing, tmp_path / f"a{ending}")
+    text = (tmp_path / f"a{ending}").read_text()
+    for own in ("aspect", "director_x", "director_y", "director_z", "director"):
+        text = text.replace(f" {own} ", f" c_{own} ").replace(f":{own}:", f":c_{own}:")
+    (tmp_path / f"a{ending}").write_text(text)
+    (found,) = pm.read_trajectory(tmp_path / f"a{ending}")
+    np.testing.assert_allclose(found.packing.radius_n, packing.radius_n, rtol=1e-13)
+    np.testing.assert_allclose(found.packing.shapes.aspect_n, shapes.aspect_n, rtol=1e-13)
+    np.testing.assert_allclose(found.packing.shapes.director_nd, shapes.director_nd, atol=1e-13)
 
 
 def test_ovito_sees_every_frame_and_the_forces_of_contacts(tmp_path):

@@ -41,6 +41,7 @@ Atoms # sphere
 1 1 1 2 0.5 0.25 0
 2 1 1 2 4.5 3.5 0
 """
+ARRAYS = {"radius": np.array([0.5, 0.75]), "v": np.array([[0.25, 0.0, 0.0], [0.0, 0.0, 0.5]])}
 
 
 def lammps_files():
@@ -110,22 +111,37 @@ def ovito_files():
 def vtk_files():
     from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonCore import vtkPoints
-    from vtkmodules.vtkCommonDataModel import vtkPolyData
-    from vtkmodules.vtkIOLegacy import vtkPolyDataWriter
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+    from vtkmodules.vtkCommonDataModel import vtkPolyData, vtkUnstructuredGrid
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
 
-    points, data = vtkPoints(), vtkPolyData()
-    for place in ((0.5, 0.25, 1.0), (1.75, 0.5, 1.5)):
-        points.InsertNextPoint(place)
-    data.SetPoints(points)
-    for name, array in {"radius": np.array([0.5, 0.75]), "v": np.array([[0.25, 0.0, 0.0], [0.0, 0.0, 0.5]])}.items():
-        held = numpy_to_vtk(array, deep=True)
-        held.SetName(name)
-        data.GetPointData().AddArray(held)
-    for writer, name in ((vtkPolyDataWriter(), "points.vtk"), (vtkXMLPolyDataWriter(), "points.vtp")):
-        writer.SetFileName(name)
+    def written(name, data, writer, **settings):
+        points = vtkPoints()
+        points.SetDataTypeToDouble()
+        for place in ((0.5, 0.25, 1.0), (1.75, 0.5, 1.5)):
+            points.InsertNextPoint(place)
+        data.SetPoints(points)
+        for array_name, array in ARRAYS.items():
+            held = numpy_to_vtk(array, deep=True)
+            held.SetName(array_name)
+            data.GetPointData().AddArray(held)
+        writer.SetCompressorTypeToNone()
+        for setting, value in settings.items():
+            getattr(writer, setting)(*value)
+        writer.SetFileName(f"{name}.vtp")
         writer.SetInputData(data)
         writer.Write()
+
+    for name, settings in {
+        "ascii": {"SetDataModeToAscii": ()},
+        "binary": {"SetDataModeToBinary": ()},
+        "appended": {"SetDataModeToAppended": (), "EncodeAppendedDataOn": ()},
+        "raw": {"SetDataModeToAppended": (), "EncodeAppendedDataOff": ()},
+        "compressed": {"SetDataModeToAppended": (), "SetCompressorTypeToZLib": ()},
+        "old": {"SetDataModeToBinary": (), "SetHeaderTypeToUInt64": (), "SetByteOrderToBigEndian": (),
+                "SetCompressorTypeToZLib": ()},
+    }.items():  # fmt: skip
+        written(name, vtkPolyData(), vtkXMLPolyDataWriter(), **settings)
+    written("grid", vtkUnstructuredGrid(), vtkXMLUnstructuredGridWriter(), SetDataModeToAscii=())
 
 
 if __name__ == "__main__":
