@@ -120,9 +120,12 @@ def from_ase(atoms: Any, *, box: Box | None = None, radius: Any = None) -> Snaps
     given = Given.checked(box, radius)
     place, cell = np.array(atoms.positions), np.array(atoms.cell[:])
     flat = not place[:, 2].any() and not cell[2, :2].any() and not cell[:2, 2].any()
-    d = box.dimension if box is not None else 2 if list(atoms.pbc) == [True, True, False] and flat else 3
-    if box is None and not all(atoms.pbc[:d]):
+    d = 2 if list(atoms.pbc) == [True, True, False] and flat else 3
+    is_periodic = all(atoms.pbc[:d])
+    if not is_periodic and box is None:
         raise ValueError(f"atoms must be periodic along each axis, got pbc {list(atoms.pbc)}: give the box as box=")
+    cell_box = given.box_in(Box(cell[:d, :d].T) if is_periodic else None)
+    d = cell_box.dimension
     symbols = np.array(atoms.get_chemical_symbols(), dtype=np.str_)
     arrays: dict[str, Any] = {"position_nd": place[:, :d]}
     names = {"radius": "radius_n", "radii": "radius_n", "aspect": "aspect_n", "director": "director_nd"}
@@ -142,7 +145,7 @@ def from_ase(atoms: Any, *, box: Box | None = None, radius: Any = None) -> Snaps
     left_out += ["constraints"] if atoms.constraints else []
     left_out += ["a calculator"] if atoms.calc is not None else []
     warn_of("atoms", left_out)
-    return snapshot_of_particles(arrays, given.box_in(None if box is not None else Box(cell[:d, :d].T)), given)
+    return snapshot_of_particles(arrays, cell_box, given)
 
 
 @honors("links shapes", packing_only=True)

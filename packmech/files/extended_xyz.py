@@ -202,8 +202,8 @@ def _arrays(properties: str, body: Sequence[str], at: int) -> dict[str, NDArray[
 
 
 def _box(held: dict[str, str], position: NDArray[np.float64], at: int, given: Given) -> tuple[Box, int]:
-    flat = position.shape[1] == 2 or not position[:, 2].any()
-    if given.box is not None or "lattice" not in held:
+    """Return the box, and how many dimensions it has: two where it is not periodic along z, and z is 0."""
+    if "lattice" not in held:
         if given.box is None:
             raise ValueError(f"line {at} must hold Lattice=..., got none: give the periodic box as box=")
         return given.box, given.box.dimension
@@ -213,17 +213,19 @@ def _box(held: dict[str, str], position: NDArray[np.float64], at: int, given: Gi
         raise ValueError(f"line {at} must hold a Lattice of 9 numbers, got {len(lattice)}")
     vectors = lattice.reshape(2, 2).T if len(lattice) == 4 else lattice.reshape(3, 3).T
     periodic = [word.strip().upper()[:1] in ("T", "1") for word in held.get("pbc", "T T T").replace(",", " ").split()]
+    if len(lattice) == 4:
+        periodic = [*periodic[:2], False]
+    flat = position.shape[1] == 2 or not position[:, 2].any()
     alone = len(lattice) == 4 or not (vectors[2, :2].any() or vectors[:2, 2].any())
-    if periodic[:2] == [True, True] and (len(lattice) == 4 or (len(periodic) == 3 and not periodic[2])):
-        if not (flat and alone):
-            raise ValueError(f"line {at} must have pbc T T T, or particles at z = 0, got pbc {held.get('pbc')!r}")
-        return Box(vectors[:2, :2]), 2
-    if not all(periodic):
+    d = 2 if periodic == [True, True, False] and flat and alone else 3
+    is_periodic = d == 2 or periodic == [True] * 3
+    if not is_periodic and given.box is None:
         raise ValueError(
-            f"line {at} must hold a box that is periodic along each axis, got pbc {held['pbc']!r}: give the "
-            "periodic box as box="
+            f"line {at} must hold a box that is periodic along each axis (along x and y only where z is 0), got pbc "
+            f"{held.get('pbc')!r}: give the periodic box as box="
         )
-    return Box(vectors), 3
+    box = given.box_in(Box(vectors[:d, :d]) if is_periodic else None)
+    return box, box.dimension
 
 
 def _field(name: str, array: NDArray[Any]) -> bool:

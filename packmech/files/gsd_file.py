@@ -12,20 +12,20 @@ visible to every reader
     them. The schema has no place for a link's image: readers take the nearest one. A particle's link with its own
     image is left out. Ellipses and spheroids have orientations and, for each particle type, shape definitions of the
     kind "Ellipsoid", whose first axis is that along the director; rigid bodies such of the kind "SphereUnion", and
-    discs and spheres of up to ten sizes such of the kind "Sphere".
+    discs and spheres of up to ten sizes such of the kind "Sphere". Velocities stand where the schema has them, other
+    fields are log chunks ``log/particles/...``. Springs and contacts are further bonds, of the types "spring" and
+    "contact", whose forces are ``log/bonds/normal_force`` and ``tangential_force``, nan of what is no contact.
 exact, for packmech
-    the log chunks ``log/packmech/position_nd``, ``radius_n`` and ``lattice_dd`` in double precision, as they were; with
-    links also ``link_i_l``, ``link_j_l``, ``link_image_ld``, ``link_length_l`` and ``link_shape_l``, with given masses
-    ``mass_n``, and tangential displacements and shapes as in an ``.npz`` file.
+    the log chunks ``log/packmech/...``, the arrays of an ``.npz`` file, in double precision, as they were.
 
 Of what another program wrote, a packing gets ``configuration``, ``particles/position`` unwrapped by
 ``particles/image``, ``mass``, ``constraints`` as links to the nearest image, and sizes and shapes by
 ``particles/type_shapes``, else by ``particles/diameter``. "Ellipsoid" may have any two axes equal (in the plane those
 that lie in it are an ellipse's), "SphereUnion" any origin. Refused are polygons, polyhedra, meshes, ellipsoids of
 three axes, diameters that contradict a "Sphere", particles that ``particles/body`` joins, and what leaves the plane in
-2D. Left out, and listed in a warning, are velocities, angular momenta, charges, moments of inertia, orientations of
-spheres, bonds without a constraint, angles, dihedrals, impropers, pairs, and log chunks. A link that single precision
-of the positions puts off its length is as long as its particles are apart.
+2D. Velocities and log chunks of particles are fields. Left out, and listed in a warning, are angular momenta, charges,
+moments of inertia, orientations of spheres, bonds without a constraint, angles, dihedrals, impropers, pairs, and other
+log chunks. A link that single precision of the positions puts off its length is as long as its particles are apart.
 """
 
 from __future__ import annotations

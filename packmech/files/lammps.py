@@ -681,11 +681,11 @@ def _dump_snapshot(
     if "id" in table and np.array_equal(table["id"], np.arange(1, len(order) + 1)):
         del table["id"]
     held, dimension = _box_of(lattice, low, table.get("z"))
-    if given.box is not None:
-        dimension = given.box.dimension
-    elif not all(periodic[:dimension]):
+    is_periodic = all(periodic[:dimension])
+    if not is_periodic and given.box is None:
         raise ValueError("its box must be periodic (pp) along each axis, got another: give the periodic box as box=")
-    box = given.box_in(None if given.box is not None else held)
+    box = given.box_in(held if is_periodic else None)
+    dimension = box.dimension
     image = [table.pop(name, None) for name in ("ix", "iy", "iz")]
     named = (*_SHAPE, *_QUATERNION)
     seen = {name: table.pop(name) for name in named} if set(named) <= table.keys() else {}

@@ -14,7 +14,8 @@
 What a format keeps, a file has to the last bit, in whatever box: read it back and it is equal. What it has no place for
 is refused, by name, unless ``drop=True`` says to leave it out. What stands in a file of another program and a packing
 has no place for, such as velocities, is listed in a warning by `read_packing`, and is there in the `Snapshot` that
-`read_trajectory` gives, of files of one packing, too.
+`read_trajectory` gives, of files of one packing, too. Effects, what is held, and drives are no packing's: scene files
+(`pm.write_scene`) have these.
 
 Only gsd is read and written through a library, ``gsd``. LAMMPS data, dumps and extended xyz are packmech's own, for the
 writers of ASE round positions to eight digits, know no radii of granular styles, and turn boxes; VTK, for its library
@@ -86,7 +87,8 @@ def read_packing(
         "lammps-dump", "extxyz" or "vtk"; with the atom style after a colon where a LAMMPS data file does not name it,
         "lammps-data:sphere".
     box
-        The periodic box of files that hold none: a CSV of positions, VTK of another program, a box with walls.
+        The periodic box of files that hold none: a CSV of positions, VTK of another program, a dump with walls. Of
+        LAMMPS data files, which do not say whether their box is periodic, it takes the place of that.
     radius
         Radii of files that hold none: a number, one for each particle, or for each type ``{1: 0.5, 2: 0.7}``.
 

@@ -131,6 +131,20 @@ def test_radii_that_a_file_does_not_hold_are_given(tmp_path):
         pm.read_packing(tmp_path / "b.npz", radius=0.5)
 
 
+@pytest.mark.parametrize("ending", [".dump", ".extxyz", ".csv"])
+def test_a_box_is_given_only_where_the_file_has_no_periodic_one(tmp_path, ending):
+    packing, other = pm.Packing([[0.5, 0.5], [1.5, 1.0]], 0.5, [3.0, 4.0]), pm.Box([9.0, 9.0])
+    pm.write_packing(packing, tmp_path / f"a{ending}")
+    with pytest.raises(ValueError, match=f"a{ending}.*box must be left out where a file holds one"):
+        pm.read_packing(tmp_path / f"a{ending}", box=other)
+    text = (tmp_path / f"a{ending}").read_text()
+    text = text.replace("pp pp pp", "ff pp pp").replace("T T F", "F T F").replace("# lattice", "# side")
+    (tmp_path / f"a{ending}").write_text(text)
+    with pytest.raises(ValueError, match=f"a{ending}.*give the (periodic )?box as box="):
+        pm.read_packing(tmp_path / f"a{ending}")
+    assert pm.read_packing(tmp_path / f"a{ending}", box=other) == packing.replace(box=other)
+
+
 DUMP = """ITEM: TIMESTEP
 0
 ITEM: NUMBER OF ATOMS
