@@ -25,6 +25,7 @@ files.
 
 from __future__ import annotations
 
+import functools
 import os
 import uuid
 import warnings
@@ -190,6 +191,11 @@ class Snapshots(Sequence[Snapshot]):
     frames: Frames
 
     def __len__(self) -> int:
+        return self._count
+
+    @functools.cached_property
+    def _count(self) -> int:
+        # counted once: some files are opened for it
         return len(self.frames)
 
     @overload
@@ -221,6 +227,14 @@ class Snapshots(Sequence[Snapshot]):
                 f"of frames, got {number}"
             )
         return _in_file(self.path, lambda: self.frames.frame(number % count))
+
+
+class NotKeptError(ValueError):
+    """A format has no place for what a packing holds; `lost` names that."""
+
+    def __init__(self, message: str, lost: Sequence[str]) -> None:
+        super().__init__(message)
+        self.lost = tuple(lost)
 
 
 class FrameError(IndexError, ValueError):
@@ -359,16 +373,19 @@ def kept_of(snapshot: Snapshot, chosen: Format, shown: str, drop: bool) -> Snaps
     _bool("drop", drop)
     if drop:
         return chosen.kept(snapshot)
-    for what, must, got in chosen.not_kept(snapshot):
+    lost, parts = list(chosen.not_kept(snapshot)), list(chosen.losses(snapshot))
+    names = [*(what for what, _, _ in lost), *parts]
+    for what, must, got in lost:
         keeping = [
-            one.endings[0] for one in FORMATS.values() if what not in {lost for lost, _, _ in one.not_kept(snapshot)}
+            one.endings[0] for one in FORMATS.values() if what not in {other for other, _, _ in one.not_kept(snapshot)}
         ]
         some = f"only {', '.join(keeping[:-1])} and {keeping[-1]} keep them" if len(keeping) > 1 else "none keeps them"
         keep = f"only {keeping[0]} keeps them" if len(keeping) == 1 else some
-        raise ValueError(f"{must} for {shown} ({keep}; drop=True leaves them out), got {got}")
-    for lost in chosen.losses(snapshot):
-        must, _, got = lost.rpartition(", got ")
-        raise ValueError(f"packing must have {must} for {shown} (drop=True leaves the rest out), got {got}")
+        raise NotKeptError(f"{must} for {shown} ({keep}; drop=True leaves them out), got {got}", names)
+    for part in parts:
+        must, _, got = part.rpartition(", got ")
+        text = f"packing must have {must} for {shown} (drop=True leaves the rest out), got {got}"
+        raise NotKeptError(text, names)
     return snapshot
 
 

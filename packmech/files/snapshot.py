@@ -55,7 +55,7 @@ class ContactData:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Snapshot:
     """A packing with arrays of its particles, springs between them, and forces of its contacts, as files hold them.
 
@@ -175,6 +175,13 @@ class Snapshot:
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        held = [f"fields {', '.join(self.fields)}" if self.fields else ""]
+        held.append(f"{sum(map(len, self.bonds))} springs" if self.bonds else "")
+        held.append(f"forces of {len(self.contact_forces.i_c)} contacts" if self.contact_forces is not None else "")
+        held.append("" if self.step is None else f"step {self.step}")
+        return "; ".join([f"Snapshot of a {self.packing!r}", *filter(None, held)])
 
     def at_step(self, step: int) -> Snapshot:
         """Return the snapshot with this step."""
