@@ -144,12 +144,9 @@ def test_a_scene_says_what_a_packing_file_of_another_program_does_not(tmp_path):
     scene = read(tmp_path, EFFECTS + f'[packing]\nkind = "file"\npath = "places"\n{more}')
     expected = pm.Packing([[0.5, 0.5], [1.5, 0.75]], 0.5, pm.Box([[3.0, 0.5], [0.0, 2.0]]))
     assert scene.packing == expected
-    for wrong, words in (
-        ("radius = -1\n", "packing.radius must be"),
-        ('format = "pdb"\n', "packing.format must be one"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            read(tmp_path, EFFECTS + f'[packing]\nkind = "file"\npath = "places"\n{wrong}')
+    for field, wrong in (("radius = 0.5", "radius = -1"), ('format = "csv"', 'format = "pdb"')):
+        with pytest.raises(ValueError, match=f"packing.{field.split()[0]} must be"):
+            read(tmp_path, EFFECTS + f'[packing]\nkind = "file"\npath = "places"\n{more.replace(field, wrong)}')
 
 
 def test_inline_packing_has_one_lattice_vector_a_line(tmp_path):
