@@ -2,9 +2,10 @@
 
 Both hold any lattice as it stands: a box whose lattice vectors are an upper triangular matrix with a positive diagonal
 in the usual way (``xlo xhi``, ``xy xz yz``), any other one as LAMMPS's general triclinic box (``avec``, ``abc origin``;
-LAMMPS since April 2024, OVITO since 3.11), which LAMMPS itself turns as it reads a data file (its ``read_dump`` takes
+LAMMPS of July 2025 and OVITO 3.17 read it), which LAMMPS itself turns as it reads a data file (its ``read_dump`` takes
 dumps of triangular boxes only). Nothing is turned or wrapped here: positions, velocities and directors come back to the
-last bit. A packing of two dimensions lies at z = 0 in a box of ``-0.5 0.5 zlo zhi``, as LAMMPS wants it.
+last bit. Of a left-handed box a data file has the negative of the last lattice vector, and says so, as LAMMPS wants a
+right-handed one. A packing of two dimensions lies at z = 0 in a box of ``-0.5 0.5 zlo zhi``.
 
 Data files (``.data``, ``.lmp``; one packing)
     Of the atom style ``sphere``, or ``hybrid sphere bond`` where there are links or springs. Types of atoms are the
