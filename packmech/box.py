@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, integer, positive
+from packmech.check import finite_array, integer, positive, positive_array
 
 # lengths between these have squares, and volumes, that double precision carries [length]
 SHORTEST, LONGEST = 1e-60, 1e60
@@ -25,25 +25,35 @@ class Box:
     Parameters
     ----------
     lattice_dd
-        (d, d) lattice vectors as columns [length]; d = 2 or 3. A point is x = lattice_dd @ fraction.
+        (d, d) lattice vectors as columns [length]; d = 2 or 3. A point is x = lattice_dd @ fraction. Or the (d,)
+        lengths of the sides of a rectangular box; `Box.cubic` takes one length.
 
     Raises
     ------
     TypeError, ValueError
-        If the array is not a finite square matrix of two or three linearly independent columns.
+        If the array is not a finite square matrix of two or three linearly independent columns, nor as many lengths.
 
     Examples
     --------
     >>> box = Box([[2.0, 1.0], [0.0, 3.0]])
-    >>> box.volume
-    6.0
+    >>> box.volume, Box([2.0, 3.0]).volume
+    (6.0, 6.0)
 
     """
 
     lattice_dd: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        lattice = finite_array("lattice_dd", self.lattice_dd, shape=(None, None), what="row")
+        sides = np.shape(self.lattice_dd)
+        if sides in ((2,), (3,)):
+            lattice = np.diag(positive_array("lattice_dd", self.lattice_dd, shape=sides, what="side"))
+        elif sides == () and isinstance(self.lattice_dd, int | float | np.number):
+            raise ValueError(
+                f"lattice_dd must say how many dimensions a box has, got {self.lattice_dd!r}: take "
+                f"Box.cubic({self.lattice_dd!r}, 2), or name the sides, Box([{self.lattice_dd!r}, {self.lattice_dd!r}])"
+            )
+        else:
+            lattice = finite_array("lattice_dd", self.lattice_dd, shape=(None, None), what="row")
         if lattice.shape not in ((2, 2), (3, 3)):
             raise ValueError(f"lattice_dd must have shape (2, 2) or (3, 3), got {lattice.shape}")
         column = np.abs(lattice).max(axis=0)
