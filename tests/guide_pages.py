@@ -5,6 +5,7 @@ From the top folder: python tests/guide_pages.py
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import packmech as pm
@@ -79,9 +80,17 @@ def made_pages() -> dict[str, str]:
 
 
 def main() -> None:
-    """Write the pages."""
-    for topic, text in made_pages().items():
-        (GUIDE / f"{topic}.md").write_text(text, encoding="utf-8")
+    """Write the pages; with --check, only name those that would change, and fail if there are any."""
+    changed = {
+        topic: text
+        for topic, text in made_pages().items()
+        if not (path := GUIDE / f"{topic}.md").exists() or path.read_text("utf-8") != text
+    }
+    for topic, text in changed.items():
+        print(f"{topic}.md has changed")
+        if "--check" not in sys.argv:
+            (GUIDE / f"{topic}.md").write_text(text, encoding="utf-8")
+    sys.exit(bool(changed) and "--check" in sys.argv)
 
 
 if __name__ == "__main__":
