@@ -1,6 +1,6 @@
 """Pages and tables of the guide that are made from the code; run this file to write them again.
 
-From the top folder: python tests/guide_pages.py
+From the top folder: python -m tests.guide_pages
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def test_pages_made_from_the_code_are_up_to_date():
     done = subprocess.run(
         [sys.executable, str(script), "--check"], capture_output=True, text=True, cwd=ROOT, check=False
     )
-    assert done.returncode == 0, f"{done.stdout}{done.stderr}write them again: python tests/guide_pages.py"
+    assert done.returncode == 0, f"{done.stdout}{done.stderr}write them again: python -m tests.guide_pages"
 
 
 def test_every_page_has_a_title_and_one_line_on_it():
