@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from guide_pages import GUIDE
 
+import packmech as pm
 from packmech.cli import execute
 from packmech.cli.guide import guide_page, guide_topics
 
@@ -106,12 +107,17 @@ def test_links_lead_to_files_and_headings(page):
             assert anchor in anchors(file.stem), f"{page}: {target}"
 
 
+@pytest.mark.parametrize("page", list(PAGES))
+def test_names_in_the_pages_are_public(page):
+    named = set(re.findall(r"\bpm\.([A-Za-z]\w*)", PAGES[page].read_text("utf-8")))
+    named -= {"X"}  # stands for any call
+    assert {name for name in named if name != "help" and name not in pm.__all__} == set()
+
+
 def test_pages_made_from_the_code_are_up_to_date():
     # in a process of its own: other tests register laws and effects of theirs
-    script = Path(__file__).with_name("guide_pages.py")
-    done = subprocess.run(
-        [sys.executable, str(script), "--check"], capture_output=True, text=True, cwd=ROOT, check=False
-    )
+    command = [sys.executable, "-m", "tests.guide_pages", "--check"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, check=False)
     assert done.returncode == 0, f"{done.stdout}{done.stderr}write them again: python -m tests.guide_pages"
 
 
