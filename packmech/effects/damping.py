@@ -20,7 +20,7 @@ class _ContactDamping(NamedTuple):
 class ContactDamping(_ContactDamping):
     """A dashpot along the line of centers of touching pairs: force = -coefficient * s(xi) * d(distance)/dt.
 
-    The damping term of equation 2.3 of Schreck and O'Hern; it conserves momentum.
+    The damping term of equation 2.3 of Schreck and O'Hern (2010); it conserves momentum.
 
     Parameters
     ----------
