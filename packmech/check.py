@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import math
 import operator
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
@@ -252,3 +253,32 @@ def table(name: str, value: Any) -> None:
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise TypeError(f"{name} must be a mapping from names, got {brief(value)}")
+
+
+def call_fault(call: Callable[..., Any], given: Sequence[Any], named: Mapping[str, Any]) -> str:
+    """Return what is wrong with the arguments of a call, by their names; empty where it can be made.
+
+    Examples
+    --------
+    >>> def shear(scene, *, rate, periods=3): ...
+    >>> call_fault(shear, (1,), {"rat": 0.1})
+    "shear() has no argument 'rat'; did you mean 'rate'?"
+    >>> call_fault(shear, (1, 0.1), {})
+    'shear() takes scene by place, and the others by name: rate=..., periods=...'
+
+    """
+    signature = inspect.signature(call)
+    try:
+        signature.bind(*given, **named)
+    except TypeError as error:
+        fields, name = signature.parameters, getattr(call, "__name__", "call")
+        unknown = next((one for one in named if one not in fields), None)
+        if unknown is not None:
+            near = did_you_mean(unknown, fields)
+            return f"{name}() has no argument {unknown!r}{near or '; it has ' + ', '.join(fields)}"
+        placed = [one for one, field in fields.items() if field.kind is not inspect.Parameter.KEYWORD_ONLY]
+        if len(given) > len(placed):
+            others = ", ".join(f"{one}=..." for one in fields if one not in placed and one not in named)
+            return f"{name}() takes {', '.join(placed)} by place, and the others by name: {others}"
+        return f"{name}(): {error}"
+    return ""

@@ -40,9 +40,14 @@ def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:
             return as_text(type(self).__name__, _headline(self, headline), field_rows(self))
 
         def page(self: Any) -> str:
-            return as_html(type(self).__name__, _headline(self, headline), field_rows(self, long=True), self)
+            first = _headline(self, headline) or repr(self).partition("\n")[0].removeprefix(
+                f"<packmech.{cls.__name__}>"
+            )
+            return as_html(type(self).__name__, first.strip(), field_rows(self, long=True), self)
 
-        cls.__repr__ = text  # type: ignore[assignment, method-assign]
+        # a repr that was written for the class stays
+        if "__repr__" not in cls.__dict__ or hasattr(cls.__repr__, "__wrapped__") or hasattr(cls, "_fields"):
+            cls.__repr__ = text  # type: ignore[assignment, method-assign]
         cls._repr_html_ = page  # type: ignore[attr-defined]
         return cls
 
@@ -58,7 +63,7 @@ def _headline(record: Any, headline: Callable[[Any], str] | None) -> str:
 def field_rows(record: Any, *, long: bool = False) -> list[Row]:
     """Return name, value in words and unit (or, if `long`, meaning) of the fields of a record that are not None."""
     meanings = meanings_of(type(record))
-    names = [one.name for one in dataclasses.fields(record) if one.repr]
+    names: Any = getattr(record, "_fields", None) or [one.name for one in dataclasses.fields(record) if one.repr]
     rows: list[Row] = []
     for name in names:
         value = getattr(record, name)

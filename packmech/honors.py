@@ -13,6 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
+from packmech.check import call_fault
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -255,8 +257,14 @@ def honors(columns: str, **how: Unpack[HowHonored]) -> Callable[[Callable[P, R]]
 
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            declared.check(name, args[place] if place < len(args) else kwargs.get(name))
-            return function(*args, **kwargs)
+            try:
+                declared.check(name, args[place] if place < len(args) else kwargs.get(name))
+                return function(*args, **kwargs)
+            except TypeError:
+                fault = call_fault(function, args, kwargs)
+                if fault:
+                    raise TypeError(fault) from None
+                raise
 
         return call
 

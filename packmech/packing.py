@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.check import finite_array, instance, positive, positive_array
+from packmech.display import shown
 from packmech.honors import LINK_TOLERANCE, STRAINED
 from packmech.links import Links, image_offsets
 from packmech.shapes import Discs, Shapes, Spheroids
@@ -77,6 +78,7 @@ class _Held(Generic[T]):
         packing.__dict__[self._name] = given
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class Packing:
     """Discs (d = 2) or spheres (d = 3), or particles of other shapes, in a periodic box.

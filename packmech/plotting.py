@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import brief, finite_array, integer, one_of
+from packmech.effects import held_particles
 from packmech.ensemble.shear_series import ShearCurve, ShearSeries
 from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit
 from packmech.jamming.play import PlayedMotion
@@ -190,9 +191,8 @@ def _fills(packing: Packing, effects: tuple[Any, ...], color: Any) -> tuple[NDAr
         rattler_n = find_rattlers(packing) if n < 100_000 else np.zeros(n, dtype=bool)
         fill_nc = np.tile(parts.to_rgb(BEARING), (n, 1))
         fill_nc[rattler_n] = parts.to_rgb(RATTLER)
-        held_n = np.zeros(n, dtype=bool)
-        for one in effects:
-            held_n |= np.asarray(getattr(one, "held_n", held_n))
+        held = held_particles(effects, n)
+        held_n = np.zeros(n, dtype=bool) if held is None else held
         fill_nc[held_n] = parts.to_rgb(HELD)
         return fill_nc, {"roles": (bool((~rattler_n & ~held_n).any()), bool(rattler_n.any()), bool(held_n.any()))}
     numbers = packing.radius_n if isinstance(color, str) else finite_array("color", color, shape=(n,))

@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from packmech.check import BoxStrain, instance, integer, one_of, positive, real, two_axes
+from packmech.display import shown
 from packmech.effects import (
     SIGNED,
     Repulsion,
@@ -533,6 +534,7 @@ def _plain(record: Any) -> Any:
     return type(record)(*(_plain(value) if is_law(value) else float(value) for value in record))
 
 
+@shown(lambda one: repr(one.packing))
 @dataclass(frozen=True)
 class Scene:
     """A packing, a tuple of effects and, if one was chosen, a drive.

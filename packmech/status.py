@@ -157,6 +157,7 @@ def shown_as(words: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
             with shows(words):
                 return call(*given, **named)
 
+        wrapped.shown_as = words  # type: ignore[attr-defined]
         return wrapped
 
     return decorated

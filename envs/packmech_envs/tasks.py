@@ -5,7 +5,9 @@ Every wrong option gets an error that names it, what is required and what was gi
 
 from __future__ import annotations
 
+import difflib
 import os
+from collections.abc import Iterable
 from dataclasses import Field, fields, replace
 from functools import cache
 from pathlib import Path
@@ -23,6 +25,9 @@ class _Record(Protocol):
 
 
 Task = TypeVar("Task", bound=_Record)
+
+# what newcomers give an environment and scenes have
+_OF_SCENES = ("particles", "dimension", "packing_fraction", "sizes", "seed")
 
 
 def task_of(kind: type[Task], task: Any, options: dict[str, Any]) -> Task:
@@ -52,7 +57,11 @@ def task_of(kind: type[Task], task: Any, options: dict[str, Any]) -> Task:
     names = [field.name for field in fields(kind)]
     for name in options:
         if name not in names:
-            raise TypeError(f"{name!r} is no option of {kind.__name__}, which has {', '.join(names)}")
+            words = f"{name!r} is no option of {kind.__name__}, which has {', '.join(names)}{nearest(name, names)}"
+            if name in _OF_SCENES:
+                changes = f"changes={{'packing.{name}': {options[name]}}}"
+                words += f"; the scene sets it: scene=packmech.read_scene('default', {changes})"
+            raise TypeError(words)
     if task is None:
         return kind(**options)
     if not isinstance(task, kind):
@@ -60,10 +69,17 @@ def task_of(kind: type[Task], task: Any, options: dict[str, Any]) -> Task:
     return replace(task, **options)
 
 
+def nearest(name: str, names: Iterable[str]) -> str:
+    """Return the end of a message that says which name was meant; empty where none is near."""
+    near = difflib.get_close_matches(name, list(names), 1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
 def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> None:
     """Check that a value is one of some names."""
     if not isinstance(value, str) or value not in allowed:
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r:.60}")
+        near = nearest(str(value), allowed)
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r:.60}{near}")
 
 
 def boolean(name: str, value: Any) -> None:
@@ -136,7 +152,8 @@ def scene_of(scene: Any) -> pm.Scene:
     if isinstance(scene, str) and name in pm.list_scenes():
         return _shipped(name)
     if not Path(name).suffix and Path(name).name == name:
-        raise ValueError(f"scene must be a file or one of {', '.join(pm.list_scenes())}, got {name!r}")
+        known = pm.list_scenes()
+        raise ValueError(f"scene must be a file or one of {', '.join(known)}, got {name!r}{nearest(name, known)}")
     return pm.read_scene(scene)
 
 

@@ -13,6 +13,7 @@ from scipy.spatial import Voronoi
 from packmech.check import brief, instance, one_of, positive, real
 from packmech.contacts.network import candidate_pairs, gap_limit
 from packmech.contacts.shape_contacts import touching_pairs
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
@@ -23,6 +24,7 @@ RULES = ("voronoi", "contact", "cutoff", "scaled cutoff")
 _MARGIN = 3.0
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class Neighbors:
     """Neighbors of each particle, each pair in both directions, sorted by (i, j, image).

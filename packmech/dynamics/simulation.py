@@ -148,6 +148,8 @@ class MotionTrace(Trace):
         }
 
 
+# of a change of potential + kinetic energy
+_AN_ERROR = "an error only where nothing is damped, slides, is driven or pushed by moving walls"
 _STRESS_NOTES = {
     "overall": "forces, torques and spins together; tension positive",
     "contact": "forces of contacts and bonds times branch vectors",
@@ -243,15 +245,16 @@ class Simulation(Run):
         rows: list[Row] = []
         if "momentum" in numbers:
             energy = f"{numbers['potential_energy']:.6g} + {numbers['kinetic_energy']:.6g}"
+            change = f"changed by {numbers['energy_drift']:.2g} of the largest: {_AN_ERROR}"
             momentum = "  ".join(f"{entry:.6g}" for entry in numbers["momentum"])
             rows += [
-                ("energy", energy, f"potential + kinetic; changed by {numbers['energy_drift']:.2g} of itself"),
+                ("energy", energy, f"potential + kinetic; {change}"),
                 ("momentum", momentum, f"changed by {numbers['momentum_error']:.1e} of the sum of m |v|"),
                 ("contacts", str(numbers["contacts"]), f"{numbers['sliding']} of them slide; bonds are not among them"),
             ]
         else:
             rows += [
-                ("energy drift", f"{numbers['energy_drift']:.2g}", "of the largest |potential| + kinetic energy"),
+                ("change of energy", f"{numbers['energy_drift']:.2g}", f"of the largest; {_AN_ERROR}"),
                 ("momentum error", f"{numbers['momentum_error']:.1e}", "of the sum of m |v|"),
             ]
         if self.packing.links:

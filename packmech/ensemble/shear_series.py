@@ -146,6 +146,7 @@ class ShearCurve:
     unmet_a: NDArray[np.int64]
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ShearSeries:
     """A series: every trial by (control, friction, repeat, amplitude), and the curves of its means."""

@@ -182,6 +182,7 @@ def group_statistics(
     return GroupStatistics(name, statistic, columns, value_g, error_g, count_g.astype(np.int64))
 
 
+@shown()
 class Histogram(NamedTuple):
     """How values are spread: (B+1,) edges, (B,) counts, and the density with its error from counting."""
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import brief, integer
+from packmech.display import shown
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
 from packmech.files.packings import PathLike, read_packing
@@ -33,6 +34,7 @@ _UNITS = {
 _SHOWN = 4
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble:
     """The members of a folder and their results, as they were when it was read.

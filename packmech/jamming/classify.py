@@ -65,7 +65,10 @@ def off_plateau(selection: ContactSelection) -> str:
     if selection.rule == "given" or selection.on_plateau:
         return ""
     steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in selection.levels)
-    return f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}"
+    return (
+        f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}; "
+        "take the packing at a lower pressure, such as jam(scene, 1e-8), or give gap_tolerance"
+    )
 
 
 def by_level(selection: ContactSelection, judge: Callable[..., Judged]) -> Callable[[int], Judged]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.measure.contact_forces import resting_forces
@@ -20,6 +21,7 @@ from packmech.packing import Packing, no_tangential
 from packmech.scene import Scene
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactStatistics:
     """Numbers and directions of the contacts between particles that do not rattle.
@@ -186,6 +188,7 @@ def _pressed(scene: Scene) -> _Pressed:
     return _Pressed(found.contacts, -found.force_cd, found.contacts.vector_cd)
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class ForceDistribution:
     """Sizes of the contact forces, over their mean.
@@ -265,6 +268,7 @@ def force_distribution(scene: Scene, *, bins: int = 50, largest: float = 5.0) ->
     return ForceDistribution(ratio, edges, count / (max(len(ratio), 1) * top / number), mean)
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class ForceChains:
     """Quasi-linear chains of particles under above-mean stress.

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of
 from packmech.contacts.surroundings import RULES, Neighbors, find_neighbors
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
@@ -22,6 +23,7 @@ from packmech.packing import Packing
 _HIGHEST = 40
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class NematicOrder:
     """How far directors agree; `float` of it is the order.
@@ -176,6 +178,7 @@ def _wigner(degree: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return np.array(orders), np.array(symbols)
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class BondOrder:
     """Bond orientational order of each particle and of all.

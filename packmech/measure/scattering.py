@@ -240,6 +240,7 @@ def structure_factor(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float6
     return np.asarray((density.real**2 + density.imag**2) / packing.particles)
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class PartialStructureFactors:
     """Structure factors of a mixture, species by species.
@@ -360,6 +361,7 @@ def spectral_density(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float6
     return np.asarray((total.real**2 + total.imag**2) / packing.box.volume)
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class ShellAverage:
     """Means over directions of what was measured at wave vectors, in shells of their length.

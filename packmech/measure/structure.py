@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import brief, finite_array, instance, integer, positive, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
 from packmech.linalg.line import fit_line, windows_without_ends
@@ -122,6 +123,7 @@ def _shells(edge_b: NDArray[np.float64], dimension: int) -> NDArray[np.float64]:
     return np.asarray(unit * np.diff(edge_b**dimension))
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class PairDistribution:
     """How many pairs there are at which distance, over what there would be without any order.
@@ -264,6 +266,7 @@ def pair_distribution(packing: Packing, r_max: float | None = None, bins: int = 
     )
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class Correlation:
     """Correlation of a quantity of the particles against their distance.
@@ -375,6 +378,7 @@ def correlation_function(
     return Correlation(reach * np.arange(number + 1) / number, found, magnitude, 2 * count, mean_square)
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class CorrelationLength:
     """The length of an exponential decay, amplitude * exp(-r / length), through the local maxima of a correlation.

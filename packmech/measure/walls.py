@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance
+from packmech.display import shown
 from packmech.effects import (
     Repulsion,
     contact_terms,
@@ -20,6 +21,7 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 
 
+@shown()
 class WallContacts(NamedTuple):
     """Contacts of particles with walls, sorted by effect, low wall before high one, and particle.
 

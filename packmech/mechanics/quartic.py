@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import STRAINS, BoxStrain, finite_array, instance, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.mechanics.modes import signed_columns
@@ -36,6 +37,7 @@ _IDLE = 1e-9
 _INSIDE = 1e-9
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class QuarticModes:
     """Null space of the stiffness of a packing with shapes, by what its contact forces make of it.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import integer, one_of, positive, real, two_axes
+from packmech.display import shown
 from packmech.dynamics.deformation import MODES, Ramp, SteadyStrain
 from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import tensors
@@ -156,6 +157,7 @@ def _judged(run: StrainRun, skip: float, blocks: int, tolerance: float) -> Strai
     return replace(run, outcome=Outcome.NOT_STEADY, unmet=tuple(unmet)) if unmet else run
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class FlowCurve(SeveralRuns):
     """Stress against rate in steady shear; errors are those of block means. All are nan where a run did not finish.

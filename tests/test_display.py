@@ -1,0 +1,130 @@
+"""Facts about how results are shown: short at a prompt, whole in a notebook's table, never an array in full."""
+
+import dataclasses
+import inspect
+import re
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.display import LETTERS, LINES, in_words, shown
+
+LONGEST = 1500
+
+
+@pytest.fixture(scope="module")
+def results():
+    start = pm.random_packing(512, dimension=2, packing_fraction=0.9, seed=1)
+    scene = pm.Scene(start, (pm.Repulsion(), pm.Friction(0.3)))
+    run = pm.quench(scene.without(pm.Friction), force_tolerance=1e-9)
+    at_rest = scene.without(pm.Friction).replace(packing=run.packing)
+    chains = pm.chain_packing(20, 20, dimension=2, packing_fraction=0.4, seed=1)
+    ellipses = pm.random_packing(300, dimension=2, packing_fraction=0.5, seed=1, shapes=pm.Ellipses(1.5))
+    bodies = pm.random_packing(300, dimension=2, packing_fraction=0.5, seed=1, shapes=pm.Dimer())
+    return {
+        "run": run,
+        "scene": at_rest,
+        "packing": run.packing,
+        "contacts": pm.find_contacts(run.packing),
+        "forces": pm.contact_forces(at_rest),
+        "moduli": pm.elastic_moduli(at_rest),
+        "modes": pm.normal_modes(at_rest, 5),
+        "verdict": pm.classify_jamming(run.packing),
+        "stress states": pm.states_of_self_stress(run.packing),
+        "links": chains.links,
+        "linked": chains,
+        "spheroids": ellipses.shapes,
+        "beads": bodies.shapes,
+        "bonds": pm.bond_contacts(run.packing),
+        "bonded scene": at_rest.replace(effects=(*at_rest.effects, pm.bond_contacts(run.packing))),
+        "held": pm.FixedParticles(tuple(range(0, 512, 2))),
+        "g(r)": pm.pair_distribution(run.packing, r_max=4.0, bins=200),
+        "states": pm.density_of_states(at_rest),
+    }  # fmt: skip
+
+
+def test_no_repr_is_longer_than_a_dozen_lines(results):
+    for name, one in results.items():
+        text = repr(one)
+        assert len(text) <= LONGEST, name
+        assert len(text.splitlines()) <= LINES, name
+
+
+def test_every_public_record_with_arrays_is_shown_by_its_own_repr():
+    small = {"Box", "Cluster"}  # d x d numbers, and beads written by hand
+    written_by_dataclasses = []
+    for name in pm.__all__:
+        cls = getattr(pm, name)
+        if not (inspect.isclass(cls) and dataclasses.is_dataclass(cls)):
+            continue
+        arrays = any("NDArray" in str(one.type) for one in dataclasses.fields(cls))
+        if name not in small and arrays and hasattr(cls.__repr__, "__wrapped__"):
+            written_by_dataclasses.append(name)
+    assert written_by_dataclasses == []
+
+
+def test_the_first_line_of_a_run_says_how_it_ended_and_what_it_cost(results):
+    first = repr(results["run"]).splitlines()[0]
+    assert re.match(r"<packmech.Run> 512 discs: converged, residual \d\.\de-\d+, \d+ steps, [\d.e-]+ CPU s$", first)
+
+
+def test_a_run_that_failed_says_what_to_change_in_its_second_line(results):
+    failed = pm.quench(results["scene"].replace(packing=pm.random_packing(
+        64, dimension=2, packing_fraction=0.9, seed=2)), force_tolerance=1e-12, step_limit=3, check=False)  # fmt: skip
+    assert "raise step_limit or loosen the tolerance" in repr(failed).splitlines()[1]
+
+
+def test_a_notebook_s_table_names_every_field_with_its_meaning_and_escapes_what_is_no_html(results):
+    page = results["moduli"]._repr_html_()
+    for field in dataclasses.fields(pm.Moduli):
+        if getattr(results["moduli"], field.name) is not None:
+            assert f"<b>{field.name}</b>" in page
+    assert "<packmech" not in page
+
+
+def test_a_notebook_shows_a_picture_of_what_can_be_seen(results):
+    assert "<svg" in results["run"]._repr_html_()
+    assert "<svg" in results["g(r)"]._repr_html_()
+    assert "<svg" not in results["contacts"]._repr_html_()
+
+
+def test_units_stand_beside_the_values_that_have_one():
+    @shown()
+    @dataclasses.dataclass(frozen=True)
+    class Pendulum:
+        """A pendulum.
+
+        Attributes
+        ----------
+        length
+            Of the rod [length].
+        swings
+            How many.
+
+        """
+
+        length: float
+        swings: int
+
+    assert repr(Pendulum(0.25, 3)) == "<packmech.Pendulum>\n  length  0.25  [length]\n  swings  3"
+    assert "Of the rod" in Pendulum(0.25, 3)._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (np.zeros((0, 2)), "[]"),
+        (np.arange(3), "[0, 1, 2]"),
+        (np.full((50, 2), 2.0), "(50, 2) array, all 2"),
+        (np.array([np.nan] * 9), "(9,) array"),
+        (np.r_[np.nan, np.arange(9.0)], "(10,) array, 0 to 8"),
+        (np.ones(20, dtype=bool), "(20,) array, 20 true"),
+        ((1.0, 2.0), "(1, 2)"),
+        ([pm.Fire()] * 20, "20 of Fire"),
+        ({"a": 1, "b": 2}, "2 of: a, b"),
+        ("x" * 500, "x" * (LETTERS - 3) + "..."),
+    ],
+)
+def test_a_value_is_one_short_line(value, words):
+    assert in_words(value) == words
