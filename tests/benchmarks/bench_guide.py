@@ -17,7 +17,7 @@ from calibration import calibrate
 import packmech as pm
 from packmech.result import markdown_table
 
-SIZES, DIMENSIONS, LIMIT = (64, 256, 1024, 4096), (2, 3), 400.0
+SIZES, DIMENSIONS, LIMIT = (64, 256, 1024, 4096), (2, 3), 250.0
 HEADINGS = (
     "N",
     "d",
