@@ -132,7 +132,7 @@ class Bidisperse:
         Large over small diameter, larger than 1 [1].
     fraction
         Number fraction of the small spheres, or the two numbers by name: ``"50:50"`` or ``"2:1"`` is small : large
-        (the two usual mixtures, jammed-systems source, Figs. 2.16 and 2.8).
+        (the two usual mixtures, Schreck and O'Hern (2010), figures 2.16 and 2.8).
     scatter
         Each radius is multiplied by 1 + scatter * gaussian, at most 0.3 [1].
 
@@ -220,7 +220,8 @@ class Uniform:
     Parameters
     ----------
     ratio
-        Largest over smallest diameter that can be drawn, larger than 1 [1] (jammed-systems source, Fig. 2.8(c): 1.4).
+        Largest over smallest diameter that can be drawn, larger than 1 [1] (Schreck and O'Hern, 2010, figure 2.8(c):
+        1.4).
 
     Examples
     --------

@@ -319,7 +319,7 @@ def contact_count(contacts: Contacts | ShapeContacts, rattling_n: NDArray[np.boo
 
 
 def linked_count(packing: Packing, contacts: Any, strain: BoxStrain) -> dict[str, Any]:
-    """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
+    """Return rattling particles, contacts of the backbone, and their counts.
 
     The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
     as a whole; free turns and ends of clusters that are held, `floppy_modes`, take as many contacts off. Where no

@@ -26,7 +26,7 @@ _RELAXED = 0.5
 
 
 class DampedDynamics(NamedTuple):
-    """Newton's equations with a dashpot at every contact, all masses equal: eq. 2.3 of Schreck and O'Hern.
+    """Newton's equations with a dashpot at every contact, all masses equal: eq. 2.3 of Schreck and O'Hern (2010).
 
     m a_i = sum over touching j of [-u'(r) - b (v_ij . n)] n, n from j to i. The forces of the law are those where the
     particles stand, the dashpots see the velocities that the step ends with: velocities solve
