@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, one_of
 from packmech.contacts import Contacts
-from packmech.effects import contact_terms
 from packmech.honors import STRAINED, honors
-from packmech.measure.contact_forces import resting_forces, single_push
-from packmech.measure.friction import tangential_forces
+from packmech.measure.contact_forces import resting_forces
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")
@@ -63,12 +61,7 @@ def energy(scene: Scene) -> float:
 
     """
     instance("scene", scene, Scene)
-    found = resting_forces(scene)
-    pairs, terms = found.contacts, single_push(scene).terms
-    springs = tangential_forces(scene, pairs, found.normal_c).energy_c
-    whole = float(np.add.reduce(contact_terms(scene.effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
-    whole += float(np.add.reduce(found.interactions.energy_c))
-    return whole + float(np.add.reduce(springs)) + float(np.add.reduce(terms.energy_n))
+    return resting_forces(scene).energy
 
 
 @honors(

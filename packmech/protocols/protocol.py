@@ -431,6 +431,7 @@ def report_of(
         "pressure": pressure / found.scene.pressure_unit,
         "pressure_asked": asked,
         **counts,
+        "stress": found.stress_dd / found.scene.pressure_unit,
         "stress_anisotropy": float(np.abs(rest).max() / abs(pressure)) if pressure else 0.0,
         **protocol.report,
     }

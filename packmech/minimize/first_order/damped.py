@@ -156,7 +156,7 @@ def damped_steps(
     way_nd = vector_kf[1].reshape(force_nd.shape)
     product_nd = vector_kf[2].reshape(force_nd.shape)
     if moved_far(axes, row, space, pairs.number, 0.0):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     step = 0
     while True:
@@ -191,7 +191,7 @@ def damped_steps(
         keep = largest_step / reach if reach > largest_step else 1.0
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, 0.0, dt)
         if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
-            pairs = follow(axes, row, space, pairs)
+            pairs, _ = follow(axes, row, space, pairs, None)
         speeds(space.links, axes, velocity_nd, speed2, fastest2)
         number[_STEP] += 1.0
         step += 1
