@@ -38,6 +38,7 @@ from typing import Any, TypeVar, overload
 
 from packmech.box import Box
 from packmech.check import brief, instance, integer
+from packmech.display import shown
 from packmech.effects.laws import is_law
 from packmech.files import npz
 from packmech.files.extended_xyz import EXTXYZ
@@ -171,6 +172,7 @@ def _no_frame() -> None:
     raise ValueError("it must hold at least one frame, got none")
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class Snapshots(Sequence[Snapshot]):
     """The snapshots of a file, as `read_trajectory` gives them: each is read when it is asked for.

@@ -147,7 +147,7 @@ def read_fields(
     fields = {name: one for name, one in inspect.signature(maker).parameters.items() if name not in given}
     hints = _hints(maker)
     values: dict[str, Any] = {}
-    errors = Errors()
+    errors, meant = Errors(), set[str]()
     for name, value in table.items():
         path = f"{where}.{name}"
         if name == "kind":
@@ -155,13 +155,15 @@ def read_fields(
         with errors.kept():
             if name not in fields:
                 known, near = ", ".join(fields), did_you_mean(name, fields)
+                meant |= {one for one in fields if near.endswith(f"{one!r}?")}
                 raise ValueError(f"{path} must be a field of {kind_of(maker)} ({known}), got an unknown one{near}")
             if nested and name in nested:
                 values[name] = from_table(value, path, nested[name], nested)
             else:
                 values[name] = _value(path, value, hints.get(name, Any))
     for name, field in fields.items():
-        if name not in table and field.default is inspect.Parameter.empty:
+        # a field that stands there misspelled is not missing, too
+        if name not in table and name not in meant and field.default is inspect.Parameter.empty:
             errors.found.append(ValueError(f"{where}.{name} must be given, got nothing"))
     errors.check()
     return maker, values

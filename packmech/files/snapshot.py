@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, instance, integer, integer_array, listed, table
+from packmech.display import shown
 from packmech.effects.bonds import Bonds
 from packmech.packing import Packing
 
@@ -20,6 +21,7 @@ FIELD_WORDS = {"velocity_nd": "velocities", "force_nd": "forces", "spin_nk": "sp
 _TAKEN = frozenset(("position_nd", "radius_n", "mass_n", "aspect_n", "director_nd"))
 
 
+@shown()
 @dataclass(frozen=True, eq=False)
 class ContactData:
     """Forces of contacts as files keep them.
@@ -55,6 +57,7 @@ class ContactData:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
 
+@shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class Snapshot:
     """A packing with arrays of its particles, springs between them, and forces of its contacts, as files hold them.
