@@ -141,7 +141,6 @@ def _keep_directors(shapes, row):
 @device
 def _keep_frames(shapes, row):
     n = shapes.radius_n.shape[0]
-    turn = np.zeros((3, 3))
     for i in range(n):
         inverse = 1.0 / shapes.gyration_n[i]
         if shapes.dimension == 2:
@@ -149,16 +148,18 @@ def _keep_frames(shapes, row):
         else:
             x, y, z = inverse * row[n + i, 0], inverse * row[n + i, 1], inverse * row[n + i, 2]
         first, b, _ = _rotation_factors(x * x + y * y + z * z)
-        # Rodrigues' formula
-        turn[0, 0], turn[0, 1], turn[0, 2] = 1.0 - b * (y * y + z * z), b * x * y - first * z, b * x * z + first * y
-        turn[1, 0], turn[1, 1], turn[1, 2] = b * x * y + first * z, 1.0 - b * (x * x + z * z), b * y * z - first * x
-        turn[2, 0], turn[2, 1], turn[2, 2] = b * x * z - first * y, b * y * z + first * x, 1.0 - b * (x * x + y * y)
+        # Rodrigues' formula, row by row
+        turn = (
+            (1.0 - b * (y * y + z * z), b * x * y - first * z, b * x * z + first * y),
+            (b * x * y + first * z, 1.0 - b * (x * x + z * z), b * y * z - first * x),
+            (b * x * z - first * y, b * y * z + first * x, 1.0 - b * (x * x + y * y)),
+        )
         for k in range(3):
             for m in range(3):
                 shapes.frame_ndd[i, k, m] = (
-                    turn[k, 0] * shapes.reference_ndd[i, 0, m]
-                    + turn[k, 1] * shapes.reference_ndd[i, 1, m]
-                    + turn[k, 2] * shapes.reference_ndd[i, 2, m]
+                    turn[k][0] * shapes.reference_ndd[i, 0, m]
+                    + turn[k][1] * shapes.reference_ndd[i, 1, m]
+                    + turn[k][2] * shapes.reference_ndd[i, 2, m]
                 )
         for bead in range(shapes.start_n[i], shapes.start_n[i + 1]):
             u, v, w = shapes.offset_bd[bead, 0], shapes.offset_bd[bead, 1], shapes.offset_bd[bead, 2]
