@@ -26,7 +26,8 @@ LINE = re.compile(r"^ *(.+?) = (\S.*?)(?: \+- (\S+))?$", re.MULTILINE)
 
 def stated(file):
     """Name -> value and spread (None where there is none), as the docstring states them."""
-    return {name: (value, spread) for name, value, spread in LINE.findall(about(file).partition("\nPrints")[2])}
+    printed = about(file).partition("\nPrints")[2].partition("\n\nTime")[0]
+    return {name: (value, spread) for name, value, spread in LINE.findall(printed)}
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
