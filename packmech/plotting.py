@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import brief, finite_array, integer, one_of
+from packmech.check import brief, did_you_mean, finite_array, integer, one_of
 from packmech.effects import held_particles
 from packmech.ensemble.shear_series import ShearCurve, ShearSeries
 from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit
 from packmech.jamming.play import PlayedMotion
 from packmech.jamming.verdict import UnjammingMotion, Verdict
+from packmech.measure.contact_forces import rattlers_in
 from packmech.measure.contact_statistics import ContactStatistics, ForceDistribution
 from packmech.measure.rattlers import find_rattlers
 from packmech.measure.scattering import ShellAverage
@@ -34,7 +36,7 @@ from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
 from packmech.validation.work_precision import WorkPrecision
 from packmech.view import drawing
-from packmech.view.figures import COLORS, MARKERS, matplotlib_parts, new_axes
+from packmech.view.figures import COLORS, MARKERS, STYLE, matplotlib_parts, new_axes
 
 SIZE, SQUARE, SMALL = (5.6, 3.8), (6.4, 5.6), (2.6, 2.6)
 # colors of particles on a white ground: those that bear forces, rattlers, held ones, copies
@@ -60,7 +62,8 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
         Axes of matplotlib to draw on; new ones unless given.
     options
         Of a packing: `forces=False`, `copies=False` and `color=` "role", "size" or (N,) numbers with `label=`. Of modes
-        and motions: `packing=`, `mode=`, `scale=`. Others as above; `log=True` gives logarithmic axes.
+        and motions: `packing=`, `mode=`, `scale=`. Others as above; `log=True` gives logarithmic axes, `label=` names
+        a curve, so that several on the same axes differ in color and have a legend.
 
     Raises
     ------
@@ -81,7 +84,8 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     if isinstance(axes, list | tuple | np.ndarray):
         raise TypeError(f"ax must be one matplotlib Axes, got {brief(axes)}")
     try:
-        draw(thing, axes, **options)
+        with matplotlib_parts().rc_context(STYLE):
+            draw(thing, axes, **options)
     except TypeError as error:
         if "unexpected keyword argument" in str(error):
             raise TypeError(f"options of a figure of {type(thing).__name__}: {error}") from None
@@ -127,6 +131,21 @@ def picture_of(thing: Any) -> str:
         figure.savefig(text, format="svg", metadata={"Date": None})
     picture = text.getvalue()
     return f"<div>{picture[picture.index('<svg') :]}</div>"
+
+
+def _curve(ax: Any, label: str) -> dict[str, Any]:
+    """Return color and label of the next curve on these axes: those with a label differ, the others are blue."""
+    drawn = len(ax.get_legend_handles_labels()[1]) if label else 0
+    return {"color": COLORS[drawn % len(COLORS)], "label": label or None}
+
+
+def _finish(ax: Any, title: str = "") -> None:
+    """Draw the legend if curves have labels; otherwise write the title, which speaks of one curve."""
+    if ax.get_legend_handles_labels()[1]:
+        ax.set_title("")
+        ax.legend(frameon=False)
+    elif title:
+        ax.set_title(title)
 
 
 # -- packings -------------------------------------------------------------------------------------------------------
@@ -188,7 +207,7 @@ def _fills(packing: Packing, effects: tuple[Any, ...], color: Any) -> tuple[NDAr
     if isinstance(color, str):
         one_of("color", color, ("role", "size"))
     if isinstance(color, str) and color == "role":
-        rattler_n = find_rattlers(packing) if n < 100_000 else np.zeros(n, dtype=bool)
+        rattler_n = _rattlers(packing, effects)
         fill_nc = np.tile(parts.to_rgb(BEARING), (n, 1))
         fill_nc[rattler_n] = parts.to_rgb(RATTLER)
         held = held_particles(effects, n)
@@ -199,6 +218,13 @@ def _fills(packing: Packing, effects: tuple[Any, ...], color: Any) -> tuple[NDAr
     low, high = float(numbers.min()), float(numbers.max())
     share = (numbers - low) / ((high - low) or 1.0)
     return np.asarray(parts.colormaps["viridis"](share))[:, :3], {"numbers": numbers, "range": (low, high)}
+
+
+def _rattlers(packing: Packing, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
+    """Return which particles rattle; none where only friction, which is not known here, could tell, or N is large."""
+    if packing.particles >= 100_000 or packing.tangential is not None and not effects:
+        return np.zeros(packing.particles, dtype=bool)
+    return rattlers_in(Scene(packing, effects)) if effects else find_rattlers(packing)
 
 
 def _add_particles(ax: Any, outlines: drawing.Outlines, fill: Any, order: float, *, owned: bool = True) -> None:
@@ -311,11 +337,14 @@ def _draw_played(played: PlayedMotion, ax: Any) -> None:
 
 
 @_draws(StateDensity)
-def _draw_states(density: StateDensity, ax: Any, *, log: bool = False) -> None:
+def _draw_states(density: StateDensity, ax: Any, *, log: bool = False, label: str = "") -> None:
     """Draw D(omega)."""
-    ax.stairs(density.density_b, density.edge_b, color=COLORS[0], fill=True, alpha=0.35)
-    ax.stairs(density.density_b, density.edge_b, color=COLORS[0])
+    style = _curve(ax, label)
+    if not label:
+        ax.stairs(density.density_b, density.edge_b, color=style["color"], fill=True, alpha=0.35)
+    ax.stairs(density.density_b, density.edge_b, **style)
     ax.set(xlabel=r"angular frequency $\omega$ [1/time]", ylabel=r"density of states $D(\omega)$ [time]")
+    _finish(ax)
     _scale(ax, log)
 
 
@@ -323,37 +352,44 @@ def _draw_states(density: StateDensity, ax: Any, *, log: bool = False) -> None:
 
 
 @_draws(PairDistribution)
-def _draw_pairs(pairs: PairDistribution, ax: Any, *, log: bool = False) -> None:
+def _draw_pairs(pairs: PairDistribution, ax: Any, *, log: bool = False, label: str = "") -> None:
     """Draw g(r)."""
-    ax.plot(pairs.r_b, pairs.g_b, color=COLORS[0], linewidth=1.2)
+    ax.plot(pairs.r_b, pairs.g_b, linewidth=1.2, **_curve(ax, label))
     ax.axhline(1.0, color="#888888", linewidth=0.8)
     ax.set(xlabel="distance $r$ [length]", ylabel="pair distribution $g(r)$")
+    _finish(ax)
     _scale(ax, log)
 
 
 @_draws(ShellAverage)
-def _draw_shells(shells: ShellAverage, ax: Any, *, log: bool = True, label: str = "$S(k)$") -> None:
+def _draw_shells(
+    shells: ShellAverage, ax: Any, *, log: bool = True, label: str = "", quantity: str = "structure factor $S(k)$"
+) -> None:
     """Draw S(k) or a spectral density, with errors."""
-    ax.errorbar(shells.k_b, shells.value_b, shells.error_b, color=COLORS[0], fmt="o", markersize=3.0, linewidth=0.9)
-    ax.set(xlabel="wave number $k$ [1/length]", ylabel=label)
+    style = {"fmt": "o", "markersize": 3.0, "linewidth": 0.9}
+    ax.errorbar(shells.k_b, shells.value_b, shells.error_b, **style, **_curve(ax, label))
+    ax.set(xlabel="wave number $k$ [1/length]", ylabel=quantity)
+    _finish(ax)
     _scale(ax, log)
 
 
 @_draws(Correlation)
-def _draw_correlation(found: Correlation, ax: Any, *, log: bool = False) -> None:
+def _draw_correlation(found: Correlation, ax: Any, *, log: bool = False, label: str = "") -> None:
     """Draw a correlation against distance."""
-    ax.plot(found.r_b, found.value_b, color=COLORS[0], **_POINTS)
+    ax.plot(found.r_b, found.value_b, **_POINTS, **_curve(ax, label))
     ax.axhline(found.mean_square, color="#888888", linewidth=0.8)
     ax.set(xlabel="distance $r$ [length]", ylabel="correlation [value$^2$]")
+    _finish(ax)
     _scale(ax, log)
 
 
 @_draws(ForceDistribution)
-def _draw_forces(found: ForceDistribution, ax: Any, *, log: bool = True) -> None:
+def _draw_forces(found: ForceDistribution, ax: Any, *, log: bool = True, label: str = "") -> None:
     """Draw the density of forces over their mean."""
     some = found.density_b > 0.0
-    ax.plot(found.middle_b[some], found.density_b[some], color=COLORS[0], **_POINTS)
+    ax.plot(found.middle_b[some], found.density_b[some], **_POINTS, **_curve(ax, label))
     ax.set(xlabel="contact force / mean contact force", ylabel="density")
+    _finish(ax)
     if log:
         ax.set_yscale("log")
 
@@ -369,11 +405,11 @@ def _draw_contacts(found: ContactStatistics, ax: Any) -> None:
 
 
 @_draws(QuasistaticShear)
-def _draw_quasistatic(run: QuasistaticShear, ax: Any) -> None:
-    """Draw stress against strain, avalanches as gaps."""
-    ax.plot(run.strain_t, run.shear_stress_t, color=COLORS[0], linewidth=1.0)
+def _draw_quasistatic(run: QuasistaticShear, ax: Any, *, label: str = "") -> None:
+    """Draw stress against strain."""
+    ax.plot(run.strain_t, run.shear_stress_t, linewidth=1.0, **_curve(ax, label))
     ax.set(xlabel=r"shear strain $\gamma$", ylabel="shear stress [energy_scale/diameter$^d$]")
-    ax.set_title(f"quasistatic shear: {len(run.avalanches)} avalanches")
+    _finish(ax, f"quasistatic shear: {len(run.avalanches)} avalanches")
 
 
 @_draws(ShearFamilies)
@@ -390,44 +426,48 @@ def _draw_families(run: ShearFamilies, ax: Any) -> None:
 
 
 @_draws(StrainRun)
-def _draw_strained(run: StrainRun, ax: Any) -> None:
+def _draw_strained(run: StrainRun, ax: Any, *, label: str = "") -> None:
     """Draw stress against strain."""
-    ax.plot(run.strain_t, run.shear_stress_t, color=COLORS[0], linewidth=1.0)
+    ax.plot(run.strain_t, run.shear_stress_t, linewidth=1.0, **_curve(ax, label))
     ax.set(xlabel=r"strain $\gamma$", ylabel=f"shear stress {_UNIT}")
     ax.locator_params(axis="x", nbins=5)
+    _finish(ax)
 
 
 @_draws(OscillatoryShear)
-def _draw_loop(run: OscillatoryShear, ax: Any) -> None:
+def _draw_loop(run: OscillatoryShear, ax: Any, *, label: str = "") -> None:
     """Draw the loop of stress against strain, and say the moduli."""
-    _draw_strained(run, ax)
+    _draw_strained(run, ax, label=label)
     if run.moduli is not None:
-        ax.set_title(f"$G'$ = {run.moduli.storage:.4g}, $G''$ = {run.moduli.loss:.4g} {_UNIT}")
+        _finish(ax, f"$G'$ = {run.moduli.storage:.4g}, $G''$ = {run.moduli.loss:.4g} {_UNIT}")
 
 
 @_draws(Creep)
-def _draw_creep(run: Creep, ax: Any, *, log: bool = False) -> None:
+def _draw_creep(run: Creep, ax: Any, *, log: bool = False, label: str = "") -> None:
     """Draw strain against time."""
-    ax.plot(run.time_t, run.strain_t, color=COLORS[0], linewidth=1.2)
-    ax.set(xlabel="time [time]", ylabel=r"strain $\gamma$", title=f"creep at stress {run.applied_stress:g} {_UNIT}")
+    ax.plot(run.time_t, run.strain_t, linewidth=1.2, **_curve(ax, label))
+    ax.set(xlabel="time [time]", ylabel=r"strain $\gamma$")
+    _finish(ax, f"creep at stress {run.applied_stress:g} {_UNIT}")
     _scale(ax, log)
 
 
 @_draws(PressureShear)
-def _draw_at_pressure(run: PressureShear, ax: Any) -> None:
+def _draw_at_pressure(run: PressureShear, ax: Any, *, label: str = "") -> None:
     """Draw stress over pressure against strain, and the mean of what is steady."""
-    ax.plot(run.strain_t, run.shear_stress_t / run.pressure_t, color=COLORS[0], linewidth=1.0)
+    ax.plot(run.strain_t, run.shear_stress_t / run.pressure_t, linewidth=1.0, **_curve(ax, label))
     ratio, error = run.stress_ratio[:2]
     ax.axhline(ratio, color=COLORS[1], linewidth=1.0)
     ax.set(xlabel=r"shear strain $\gamma$", ylabel=r"stress ratio $\mu$")
-    ax.set_title(rf"$\mu$ = {ratio:.4f} $\pm$ {error:.1g} at inertial number {run.inertial_number:.3g}")
+    _finish(ax, rf"$\mu$ = {ratio:.4f} $\pm$ {error:.1g} at inertial number {run.inertial_number:.3g}")
 
 
 @_draws(FlowCurve)
-def _draw_flow(curve: FlowCurve, ax: Any, *, log: bool = True) -> None:
+def _draw_flow(curve: FlowCurve, ax: Any, *, log: bool = True, label: str = "") -> None:
     """Draw stress against rate."""
-    ax.errorbar(curve.rate_r, curve.stress_r, curve.stress_error_r, color=COLORS[0], fmt="o-", markersize=4.0)
+    style = {"fmt": "o-", "markersize": 4.0}
+    ax.errorbar(curve.rate_r, curve.stress_r, curve.stress_error_r, **style, **_curve(ax, label))
     ax.set(xlabel=r"shear rate $\dot\gamma$ [1/time]", ylabel=f"shear stress {_UNIT}")
+    _finish(ax)
     _scale(ax, log)
 
 
@@ -481,6 +521,7 @@ def _draw_cementing(found: Cementing, ax: Any) -> None:
         if reached is not None:
             ax.axvline(reached / found.bearing, color="#666666", linestyle=line, linewidth=1.0, label=words)
     ax.set(xlabel="links per particle $n_l/N$", ylabel=f"modulus {_UNIT}", yscale="log")
+    ax.margins(x=0.05)
     ax.legend(frameon=False)
 
 
@@ -495,39 +536,43 @@ def _draw_groups(
     over: str | None = None,
     fit: PowerLawFit | None = None,
     log: bool | None = None,
+    label: str = "",
 ) -> None:
     """Draw a statistic over a parameter, a line for each value of the others."""
     names = list(groups.by)
     axis = names[0] if over is None and names else one_of("over", over, names)
     others = [name for name in names if name != axis]
     keys = list(zip(*(groups.by[name].tolist() for name in others), strict=True)) or [()] * len(groups.value_g)
-    for k, key in enumerate(dict.fromkeys(keys)):
+    for key in dict.fromkeys(keys):
         own = np.array([one == key for one in keys])
-        words = ", ".join(f"{name.rpartition('.')[2]} = {value}" for name, value in zip(others, key, strict=True))
-        style = {"fmt": MARKERS[k % len(MARKERS)] + "-", "color": COLORS[k % len(COLORS)], "markersize": 4.0}
-        ax.errorbar(
-            groups.by[axis][own].astype(float), groups.value_g[own], groups.error_g[own], label=words or None, **style
-        )
+        words = [f"{name.rpartition('.')[2]} = {value}" for name, value in zip(others, key, strict=True)]
+        style = _curve(ax, ", ".join([*([label] if label else []), *words]))
+        style |= {"fmt": MARKERS[COLORS.index(style["color"]) % len(MARKERS)] + "-", "markersize": 4.0, "capsize": 2.0}
+        ax.errorbar(groups.by[axis][own].astype(float), groups.value_g[own], groups.error_g[own], **style)
     if fit is not None:
         x = np.geomspace(float(groups.by[axis].min()), float(groups.by[axis].max()), 100)
-        words = rf"exponent {fit.exponent:.3f} $\pm$ {fit.exponent_error:.1g}"
-        ax.plot(x, fit.limit + fit.prefactor * x**fit.exponent, color="#444444", linestyle="--", label=words)
+        fitted = rf"exponent {fit.exponent:.3f} $\pm$ {fit.exponent_error:.1g}"
+        if fit.limit:
+            fitted = rf"limit {fit.limit:.5g} $\pm$ {fit.limit_error:.1g}, exponent {fit.exponent:.3g}"
+        ax.plot(x, fit.limit + fit.prefactor * x**fit.exponent, color="#444444", linestyle="--", label=fitted)
     ax.set(
         xlabel=axis.rpartition(".")[2].replace("_", " "),
         ylabel=f"{groups.statistic} of {groups.name.replace('_', ' ')}",
     )
-    if others or fit is not None:
-        ax.legend(frameon=False)
+    _finish(ax)
     _scale(ax, fit is not None if log is None else log)
 
 
 @_draws(Histogram)
-def _draw_histogram(found: Histogram, ax: Any) -> None:
+def _draw_histogram(found: Histogram, ax: Any, *, log: bool = False, label: str = "", quantity: str = "value") -> None:
     """Draw a density with its errors from counting."""
-    ax.stairs(found.density_b, found.edge_b, color=COLORS[0], fill=True, alpha=0.35)
+    style = _curve(ax, label)
+    ax.stairs(found.density_b, found.edge_b, fill=True, alpha=0.35, **style)
     middle = 0.5 * (found.edge_b[1:] + found.edge_b[:-1])
-    ax.errorbar(middle, found.density_b, found.error_b, fmt="none", color=COLORS[0], linewidth=1.0)
-    ax.set(xlabel="value", ylabel="density")
+    ax.errorbar(middle, found.density_b, found.error_b, fmt="none", color=style["color"], linewidth=1.0)
+    ax.set(xlabel=quantity, ylabel="density")
+    _finish(ax)
+    _scale(ax, log, across=False)
 
 
 @_draws(WorkPrecision)
@@ -545,16 +590,17 @@ def _draw_accuracy(found: WorkPrecision, ax: Any) -> None:
 
 
 @_draws(Trace)
-def _draw_trace(trace: Trace, ax: Any, *, of: str = "energy", log: bool = False) -> None:
+def _draw_trace(trace: Trace, ax: Any, *, of: str = "energy", log: bool = False, label: str = "") -> None:
     """Draw an observable against step, or time where there is one."""
     columns = trace.columns()
-    name = next((one for one in (of, f"{of}_t") if one in columns), None)
-    if name is None or columns[name].ndim != 1:
+    name = of.removesuffix("_t")
+    if name not in columns or columns[name].ndim != 1:
         known = [one for one, column in columns.items() if column.ndim == 1]
-        raise ValueError(f"of must be one of {', '.join(known)}, got {of!r}")
-    axis = "time_t" if "time_t" in columns else "step_t"
-    ax.plot(columns[axis], columns[name], color=COLORS[0], **_POINTS)
-    ax.set(xlabel="time [time]" if axis == "time_t" else "step", ylabel=name.removesuffix("_t").replace("_", " "))
+        raise ValueError(f"of must be one of {', '.join(known)}, got {of!r}{did_you_mean(name, known)}")
+    axis = "time" if "time" in columns else "step"
+    ax.plot(columns[axis], columns[name], **_POINTS, **_curve(ax, label))
+    _finish(ax)
+    ax.set(xlabel="time [time]" if axis == "time" else "step", ylabel=name.replace("_", " "))
     _scale(ax, log, across=False)
 
 
@@ -563,3 +609,16 @@ def _scale(ax: Any, log: bool, *, across: bool = True) -> None:
         ax.set_yscale("log")
         if across:
             ax.set_xscale("log")
+            _thin_ticks(ax.xaxis)
+
+
+def _thin_ticks(axis: Any) -> None:
+    """Leave 2 and 5 of the numbers between powers of ten, and none where there are two decades: they would overlap."""
+
+    def words(x: float, _: int) -> str:
+        low, high = axis.get_view_interval()
+        power = math.floor(math.log10(x) + 1e-9)
+        digit = round(x / 10.0**power)
+        return rf"${digit}\times10^{{{power}}}$" if digit in (2, 5) and high < 100.0 * low else ""
+
+    axis.set_minor_formatter(words)

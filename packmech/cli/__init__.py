@@ -32,6 +32,7 @@ VERBS = {
     "analyze": "Examine a packing made elsewhere; nothing is moved.",
     "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
     "scenes": "List, show or copy the scenes that ship inside the package.",
+    "gallery": "List or run short scripts that each answer one question, with a figure.",
     "effects": "Say which call honors which effect of a scene.",
     "ensemble": "Run a scene or a function over seeds and parameters, here or on a cluster; resumes what it finds.",
     "guide": "List what there is to read, or print one page of it.",

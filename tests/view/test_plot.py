@@ -1,0 +1,201 @@
+"""Facts about `pm.plot`: given axes come back, labelled with units, with a legend where there are several lines."""
+
+import functools
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.plotting import _FIGURES
+
+matplotlib.use("agg")
+
+
+def discs(particles=16, fraction=0.9, seed=1):
+    packing = pm.random_packing(particles, dimension=2, packing_fraction=fraction, seed=seed)
+    return pm.Scene(packing, (pm.Repulsion(),))
+
+
+@functools.cache
+def jammed(pressure=1e-3):
+    return discs().replace(packing=pm.jam(discs(), pressure).packing)
+
+
+@functools.cache
+def damped():
+    scene = jammed()
+    return scene.replace(effects=(*scene.effects, pm.BackgroundDamping(0.2)))
+
+
+@functools.cache
+def kagome():
+    packing = pm.lattice_packing("kagome", repeats=(2, 2))
+    return packing, pm.classify_jamming(packing)
+
+
+def square(dt):
+    return dt**2
+
+
+def shells(packing):
+    index = pm.wave_indices(packing.box, 8.0)
+    return pm.shell_average(packing.box, index, pm.structure_factor(packing, index))
+
+
+def correlation(packing):
+    return pm.correlation_function(packing, pm.bond_orientational_order(packing, 6).component_nm[:, 0])
+
+
+# what is drawn, how often its curve has a name, and a word that its x axis has
+CURVES = {
+    "density of states": (lambda: pm.density_of_states(jammed(), 8), "1/time"),
+    "pair distribution": (lambda: pm.pair_distribution(jammed().packing, r_max=3.0, bins=30), "length"),
+    "shell average": (lambda: shells(jammed().packing), "1/length"),
+    "correlation": (lambda: correlation(jammed().packing), "length"),
+    "forces": (lambda: pm.force_distribution(jammed(), bins=10), "mean contact force"),
+    "histogram": (lambda: pm.histogram(np.random.default_rng(1).normal(size=100)), "value"),
+    "quasistatic shear": (lambda: pm.quasistatic_shear(jammed(), 4e-3, step=2e-3), "strain"),
+    "ramp": (lambda: pm.ramp_strain(damped(), rate=0.1, applied_strain=0.02), "strain"),
+    "oscillation": (lambda: pm.oscillatory_shear(damped(), amplitude=1e-3, frequency=0.05, periods=2), "strain"),
+    "creep": (lambda: pm.creep(damped(), stress=1e-4, duration=5.0), "time"),
+    "flow curve": (
+        lambda: pm.steady_shear(damped(), rates=[0.1, 0.2], applied_strain=0.5, skip_strain=0.1, check=False),
+        "1/time",
+    ),
+    "trace": (lambda: pm.simulate(damped(), duration=5.0, trace_every=5).trace, "time"),
+}
+OTHERS = {
+    "modes": (lambda: pm.normal_modes(jammed(), 5), "mode"),
+    "played motion": (lambda: pm.play_motion(kagome()[0], kagome()[1].unjamming_motion, steps=4), "diameter"),
+    "contacts": (lambda: pm.contact_statistics(jammed().packing), "contacts"),
+    "families": (lambda: pm.shear_families(pm.jam(discs(10), strain="isotropic").packing, 0.004), "strain"),
+    "complex modulus": (lambda: pm.complex_modulus(damped(), [0.01, 0.1]), "1/time"),
+    "amplitude sweep": (
+        lambda: pm.amplitude_sweep(damped(), amplitudes=[1e-3, 2e-3], frequency=0.05, periods=2),
+        "amplitude",
+    ),
+    "work and precision": (lambda: pm.work_precision({"a": square}, [0.1, 0.05], 0.0), "CPU time"),
+}
+
+
+def rendered(ax):
+    ax.figure.canvas.draw()
+    picture = np.asarray(ax.figure.canvas.buffer_rgba())
+    plt.close(ax.figure)
+    return picture[..., :3].std() > 1.0
+
+
+@pytest.mark.parametrize("kind", [*CURVES, *OTHERS])
+def test_axes_are_those_given_and_their_labels_say_quantity_and_unit(kind):
+    make, word = (CURVES | OTHERS)[kind]
+    ax = plt.subplots()[1]
+    assert pm.plot(make(), ax) is ax
+    assert word in ax.get_xlabel() and ax.get_ylabel()
+    assert rendered(ax)
+
+
+@pytest.mark.parametrize("kind", CURVES)
+def test_curves_with_labels_share_axes_in_two_colors_with_a_legend_and_without_the_title_of_one(kind):
+    thing = CURVES[kind][0]()
+    ax = pm.plot(thing, label="first")
+    pm.plot(thing, ax, label="second")
+    handles, labels = ax.get_legend_handles_labels()
+    assert labels == ["first", "second"]
+    assert [one.get_text() for one in ax.get_legend().get_texts()] == labels
+    assert ax.get_title() == ""
+    shown = [getattr(one, "lines", [one])[0] for one in handles]
+    color = [one.get_facecolor() if hasattr(one, "get_facecolor") else one.get_color() for one in shown]
+    color = [one.get_edgecolor() if c[-1] == 0.0 else c for one, c in zip(shown, color, strict=True)]
+    assert matplotlib.colors.to_hex(color[0]) != matplotlib.colors.to_hex(color[1])
+    assert rendered(ax)
+
+
+@pytest.mark.parametrize("kind", ["complex modulus", "amplitude sweep", "work and precision"])
+def test_several_lines_have_a_legend(kind):
+    ax = pm.plot(OTHERS[kind][0]())
+    assert ax.get_legend() is not None
+    assert rendered(ax)
+
+
+def test_statistics_have_a_line_for_each_group_and_the_power_law_beside_it(tmp_path):
+    def measure(size, kind, seed):
+        return size**2.0 * (1.0 + 0.01 * seed) * kind
+
+    grid = {"size": [1, 2, 4], "kind": [1, 2], "seed": range(3)}
+    found = pm.run_ensemble(measure, grid, tmp_path / "out", workers=0)
+    mean = pm.group_statistics(found, "value", ["size", "kind"])
+    ax = pm.plot(mean, over="size", label="area")
+    assert [one.get_text() for one in ax.get_legend().get_texts()] == ["area, kind = 1", "area, kind = 2"]
+    assert rendered(ax)
+    one = pm.group_statistics(found.where(kind=1), "value", ["size"])
+    free, limit = (pm.fit_power_law(one.by["size"], one.value_g, one.error_g, exponent=e) for e in (None, 2.0))
+    words = [pm.plot(one, fit=fit).get_legend().get_texts()[0].get_text() for fit in (free, limit)]
+    assert words[0].startswith("exponent 2.0") and words[1].startswith("limit")
+    plt.close("all")
+
+
+@pytest.mark.parametrize("options", [{}, {"forces": False}, {"color": "size"}, {"copies": False, "bar": False}])
+def test_a_packing_a_scene_and_a_run_are_drawn_to_scale(options):
+    scene = jammed()
+    for thing in (scene.packing, scene, pm.quench(scene, force_tolerance=1e-6)):
+        ax = pm.plot(thing, **options)
+        assert ax.get_aspect() == 1.0 and len(ax.collections) > 0
+        assert rendered(ax)
+
+
+def test_spheres_ellipses_and_links_are_drawn():
+    given = {"packing_fraction": 0.4, "seed": 1}
+    spheres = pm.random_packing(20, dimension=3, **given)
+    ellipses = pm.random_packing(20, dimension=2, shapes=pm.Ellipses(1.5), **given)
+    linked = pm.cluster_packing(5, pm.Dimer(), dimension=2, **given)
+    for packing in (spheres, ellipses, linked):
+        assert rendered(pm.plot(packing))
+
+
+def test_every_scalar_of_a_trace_is_drawn_and_others_are_refused_by_name():
+    trace = pm.quench(discs(), force_tolerance=1e-6, trace_every=5).trace
+    assert pm.plot(trace, of="pressure", log=True).get_ylabel() == "pressure"
+    with pytest.raises(ValueError, match="of must be one of .*energy.*did you mean 'energy'"):
+        pm.plot(trace, of="enrgy")
+    plt.close("all")
+
+
+def test_a_packing_with_friction_is_drawn_alone_and_with_what_acts_in_it():
+    effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.3), pm.Friction(0.5, damping=0.1))
+    loose = pm.Scene(discs(16, 0.7).packing, effects)
+    packing = pm.jam(loose, pressure=1e-2, method=pm.Press(rate=1e-2), check=False).packing
+    assert packing.tangential is not None
+    for thing in (packing, loose.replace(packing=packing)):
+        assert rendered(pm.plot(thing))
+
+
+def test_modes_and_motions_are_arrows_on_their_packing():
+    packing, verdict = kagome()
+    for ax in (
+        pm.plot(verdict, packing=packing),
+        pm.plot(verdict.unjamming_motion, packing=packing),
+        pm.plot(pm.normal_modes(jammed(), 3), packing=jammed(), mode=1),
+    ):
+        assert any(type(one).__name__ == "Quiver" for one in ax.collections)
+        assert ax.get_title() and rendered(ax)
+
+
+def test_what_has_no_figure_and_what_is_no_option_are_refused_by_name():
+    with pytest.raises(TypeError, match="thing must be one of .*Packing"):
+        pm.plot(3)
+    with pytest.raises(TypeError, match="options of a figure of Packing: .*colour"):
+        pm.plot(jammed().packing, colour="size")
+    with pytest.raises(TypeError, match="ax must be one matplotlib Axes"):
+        pm.plot(jammed(), plt.subplots(1, 2)[1])
+    plt.close("all")
+
+
+def test_a_picture_beside_a_result_is_made_of_every_kind_that_has_one():
+    from packmech.plotting import picture_of
+
+    assert picture_of(3) == ""
+    assert {type(one) for one in (jammed(), jammed().packing)} <= set(_FIGURES)
+    for thing in (jammed(), jammed().packing, pm.density_of_states(jammed(), 8)):
+        assert picture_of(thing).startswith("<div><svg")
