@@ -63,7 +63,7 @@ def __getattr__(name: str) -> Any:
         from packmech.check import did_you_mean
 
         near = did_you_mean(name, _PUBLIC)
-        raise AttributeError(f"packmech has no {name!r}{near or '; pm.help() lists what there is'}")
+        raise AttributeError(f"module 'packmech' has no attribute {name!r}{near or '; pm.help() lists what there is'}")
     found = importlib.import_module(module)
     value = getattr(found, name, None) or importlib.import_module(f"{module}.{name}")
     globals()[name] = value

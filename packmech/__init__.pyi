@@ -37,11 +37,27 @@ from packmech.generate import StarCluster as StarCluster
 # files
 from packmech.files.packings import read_packing as read_packing
 from packmech.files.packings import write_packing as write_packing
+from packmech.files.packings import read_trajectory as read_trajectory
+from packmech.files.packings import write_trajectory as write_trajectory
+from packmech.files.packings import Snapshots as Snapshots
+from packmech.files.snapshot import Snapshot as Snapshot
+from packmech.files.snapshot import ContactData as ContactData
+from packmech.view.trajectory import snapshots as snapshots
 from packmech.files.packings import read_law as read_law
 from packmech.scenes.scene_file import read_scene as read_scene
 from packmech.scenes.scene_file import write_scene as write_scene
 from packmech.files.tables import read_table as read_table
 from packmech.files.tables import write_table as write_table
+
+# objects of other programs
+from packmech.files.convert import to_ase as to_ase
+from packmech.files.convert import from_ase as from_ase
+from packmech.files.convert import to_freud as to_freud
+from packmech.files.convert import from_freud as from_freud
+from packmech.files.convert import to_hoomd as to_hoomd
+from packmech.files.convert import from_hoomd as from_hoomd
+from packmech.files.convert import to_networkx as to_networkx
+from packmech.files.convert import from_networkx as from_networkx
 
 # scenes and what acts in them
 from packmech.scene import Scene as Scene

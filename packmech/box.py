@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, integer, positive
+from packmech.check import finite_array, integer, positive, positive_array
 
 # lengths between these have squares, and volumes, that double precision carries [length]
 SHORTEST, LONGEST = 1e-60, 1e60
+# all sums and differences of lattice vectors, as columns
+_SUMS = {d: np.array(np.meshgrid(*[[-1, 0, 1]] * d)).reshape(d, -1) for d in (2, 3)}
 # wrapping from further away, in lattice vectors, leaves few digits of the place in the cell
 _FARTHEST = 2.0**31
 
@@ -23,25 +25,35 @@ class Box:
     Parameters
     ----------
     lattice_dd
-        (d, d) lattice vectors as columns [length]; d = 2 or 3. A point is x = lattice_dd @ fraction.
+        (d, d) lattice vectors as columns [length]; d = 2 or 3. A point is x = lattice_dd @ fraction. Or the (d,)
+        lengths of the sides of a rectangular box; `Box.cubic` takes one length.
 
     Raises
     ------
     TypeError, ValueError
-        If the array is not a finite square matrix of two or three linearly independent columns.
+        If the array is not a finite square matrix of two or three linearly independent columns, nor as many lengths.
 
     Examples
     --------
     >>> box = Box([[2.0, 1.0], [0.0, 3.0]])
-    >>> box.volume
-    6.0
+    >>> box.volume, Box([2.0, 3.0]).volume
+    (6.0, 6.0)
 
     """
 
     lattice_dd: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        lattice = finite_array("lattice_dd", self.lattice_dd, shape=(None, None), what="row")
+        sides = np.shape(self.lattice_dd)
+        if sides in ((2,), (3,)):
+            lattice = np.diag(positive_array("lattice_dd", self.lattice_dd, shape=sides, what="side"))
+        elif sides == () and isinstance(self.lattice_dd, int | float | np.number):
+            raise ValueError(
+                f"lattice_dd must say how many dimensions a box has, got {self.lattice_dd!r}: take "
+                f"Box.cubic({self.lattice_dd!r}, 2), or name the sides, Box([{self.lattice_dd!r}, {self.lattice_dd!r}])"
+            )
+        else:
+            lattice = finite_array("lattice_dd", self.lattice_dd, shape=(None, None), what="row")
         if lattice.shape not in ((2, 2), (3, 3)):
             raise ValueError(f"lattice_dd must have shape (2, 2) or (3, 3), got {lattice.shape}")
         column = np.abs(lattice).max(axis=0)
@@ -131,8 +143,10 @@ class Box:
         return Box(positive("factor", factor) * self.lattice_dd)
 
     @functools.cached_property
-    def _reduction(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        return _reduce(self.lattice_dd)
+    def _reduction(self) -> tuple[Box | None, NDArray[np.int64]]:
+        """The box of short vectors, None where it is this one, and U."""
+        lattice, change = _reduce(self.lattice_dd)
+        return None if lattice is self.lattice_dd else Box(lattice), change
 
     def reduced(self) -> tuple[Box, NDArray[np.int64]]:
         """Return a box of short vectors of the same lattice, and the integer matrix U with reduced = lattice @ U.
@@ -147,8 +161,8 @@ class Box:
         ([[1.0, 0.0], [0.0, 1.0]], [[1, -10], [0, 1]])
 
         """
-        lattice, change = self._reduction
-        return Box(lattice), change.copy()
+        box, change = self._reduction
+        return self if box is None else box, change.copy()
 
 
 def _fraction(position_nd: NDArray[np.float64], inverse_dd: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -160,6 +174,11 @@ def _fraction(position_nd: NDArray[np.float64], inverse_dd: NDArray[np.float64])
 def _reduce(lattice_dd: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     dimension = lattice_dd.shape[0]
     change = np.eye(dimension, dtype=np.int64)
+    # of reduced vectors no sum or difference of some is shorter than the longest of these
+    sums = _SUMS[dimension]
+    length2, longest2 = ((lattice_dd @ sums) ** 2).sum(axis=0), (lattice_dd**2).sum(axis=0)[:, None] * (sums != 0)
+    if (length2 >= longest2.max(axis=0) * (1 - 1e-12)).all():
+        return lattice_dd, change
     steps = np.array(np.meshgrid(*[[-1, 0, 1]] * (dimension - 1), indexing="ij")).reshape(dimension - 1, -1).T
     for _ in range(200):
         lattice = lattice_dd @ change

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import LONGEST, SHORTEST, Box
-from packmech.check import finite_array, instance, positive, positive_array
+from packmech.check import brief, finite_array, instance, positive, positive_array
 from packmech.display import shown
 from packmech.honors import LINK_TOLERANCE, STRAINED
 from packmech.links import Links, image_offsets
@@ -38,6 +38,20 @@ def masses_of_density(
         return None
     ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
     return np.asarray(positive("density", density) * ball * radius_n**dimension)
+
+
+def _box_of(box: Any, position_nd: Any) -> Box:
+    """Return the box that is given as such, as one length, or by the lengths of its sides."""
+    if isinstance(box, Box):
+        return box
+    d = finite_array("position_nd", position_nd, shape=(None, None)).shape[1]
+    if d not in (2, 3):
+        raise ValueError(f"position_nd must have two or three components, got {d}")
+    if isinstance(box, int | float | np.number) and not isinstance(box, bool):
+        return Box.cubic(positive("box", box), d)
+    if isinstance(box, list | tuple | np.ndarray) and np.ndim(box) == 1 and len(box) == d:
+        return Box(positive_array("box", box, shape=(d,), what="side"))
+    raise TypeError(f"box must be a Box, got {brief(box)} (one length, or those of its {d} sides, would do, too)")
 
 
 class _Masses:
@@ -88,9 +102,9 @@ class Packing:
     position_nd
         (N, d) centers [length], inside the cell or not.
     radius_n
-        (N,) radii [length]; of other shapes those of the disc or sphere of equal area or volume.
+        (N,) radii [length], or one for all; of other shapes those of the disc or sphere of equal area or volume.
     box
-        The periodic box.
+        The periodic box; or one length of a square or cube, or the (d,) lengths of the sides of a rectangular one.
     links
         Rigid links between particles; `Links` of length zero where they are left out or None. One that does not hold at
         its image, but at exactly one other, joins particles that were wrapped, and gets that image. Where one holds at
@@ -117,7 +131,7 @@ class Packing:
 
     Examples
     --------
-    >>> packing = Packing([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5], Box.cubic(2.0, 2))
+    >>> packing = Packing([[0.0, 0.0], [1.0, 0.0]], 0.5, 2.0)
     >>> packing.particles, packing.dimension, packing.reference_diameter
     (2, 2, 1.0)
     >>> packing.mass_n.round(6).tolist(), packing.replace(mass_n=[1.0, 3.0]).mass_n.tolist()
@@ -135,9 +149,12 @@ class Packing:
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        instance("box", self.box, Box)
+        object.__setattr__(self, "box", _box_of(self.box, self.position_nd))
         position = finite_array("position_nd", self.position_nd, shape=(None, self.box.dimension))
-        radius = positive_array("radius_n", self.radius_n, shape=(None,))
+        radius_n = self.radius_n
+        if isinstance(radius_n, int | float | np.number) and not isinstance(radius_n, bool):
+            radius_n = np.full(len(position), positive("radius_n", radius_n))
+        radius = positive_array("radius_n", radius_n, shape=(None,))
         if len(radius) != len(position):
             raise ValueError(f"radius_n must have one entry per particle ({len(position)}), got {len(radius)}")
         _check_digits(position, radius, self.box)

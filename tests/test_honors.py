@@ -14,7 +14,10 @@ for _name in dir(pm):
     getattr(pm, _name)
 
 # public calls of a scene or a packing that change and measure nothing: they write, read or draw what they are given
-NO_MECHANICS = {"write_scene", "write_packing", "write_table", "record_packing", "record_run", "write_pictures", "run"}
+NO_MECHANICS = {
+    "write_scene", "write_packing", "write_table", "record_packing", "record_run", "write_pictures", "run",
+    "to_ase", "to_freud", "to_hoomd", "snapshots",
+}  # fmt: skip
 
 
 @pm.effect

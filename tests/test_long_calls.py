@@ -66,15 +66,15 @@ CALLS = {
     "tap": lambda progress: pm.tap(jammed(), 0.1, 2, seed=1, pressure=1e-3, progress=progress),
     "simulate": lambda progress: pm.simulate(damped(), duration=50.0, trace_every=20, progress=progress),
     "oscillatory_shear": lambda progress: pm.oscillatory_shear(
-        damped(), amplitude=1e-3, frequency=0.05, periods=4, progress=progress
+        damped(), amplitude=1e-3, frequency=2e-4, periods=4, progress=progress
     ),
     "steady_shear": lambda progress: pm.steady_shear(
-        damped(), rates=[0.1], applied_strain=0.5, skip_strain=0.1, progress=progress
+        damped(), rates=[0.1], applied_strain=200.0, skip_strain=0.1, progress=progress
     ),
-    "ramp_strain": lambda progress: pm.ramp_strain(damped(), rate=0.1, applied_strain=0.1, progress=progress),
-    "creep": lambda progress: pm.creep(damped(), stress=1e-3, duration=20.0, progress=progress),
+    "ramp_strain": lambda progress: pm.ramp_strain(damped(), rate=0.1, applied_strain=200.0, progress=progress),
+    "creep": lambda progress: pm.creep(damped(), stress=1e-4, duration=2e4, progress=progress),
     "amplitude_sweep": lambda progress: pm.amplitude_sweep(
-        damped(), amplitudes=[1e-3, 2e-3], frequency=0.05, periods=4, progress=progress
+        damped(), amplitudes=[1e-3, 2e-3], frequency=2e-4, periods=4, progress=progress
     ),
     "play_motion": lambda progress: pm.play_motion(
         pm.lattice_packing("square", repeats=(3, 3)),
@@ -86,11 +86,8 @@ CALLS = {
 
 @pytest.mark.parametrize("name", CALLS)
 def test_a_call_that_is_interrupted_gives_what_it_had(name):
-    heard = []
-
     def press(stage, figures):
-        heard.append(stage)
-        if len(heard) == 2:
+        if stage != "start":
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt) as stop:

@@ -19,6 +19,22 @@ def test_arrays_are_copied_read_only_contiguous_doubles():
     assert packing.position_nd[0, 0] == 0.0
 
 
+def test_one_radius_and_one_length_stand_for_all():
+    place = [[0.0, 0.0, 0.0], [1.5, 0.0, 0.0]]
+    whole = pm.Packing(place, [0.5, 0.5], pm.Box(np.diag([4.0, 4.0, 4.0])))
+    assert pm.Packing(place, 0.5, 4) == pm.Packing(place, np.float64(0.5), [4.0, 4.0, 4.0]) == whole
+    assert pm.Packing(place, 0.5, (4.0, 5.0, 6.0)).box == pm.Box([4.0, 5.0, 6.0]) == pm.Box(np.diag([4.0, 5.0, 6.0]))
+    assert whole.replace(radius_n=0.25).radius_n.tolist() == [0.25, 0.25]
+
+
+def test_radii_may_be_listed_where_packings_are_made():
+    radius = [0.5, 0.6, 0.7, 0.5]
+    packing = pm.random_packing(4, dimension=2, packing_fraction=0.5, sizes=radius, seed=1)
+    assert packing.radius_n.tolist() == radius and pm.packing_fraction(packing) == pytest.approx(0.5, rel=1e-14)
+    with pytest.raises(ValueError, match=r"sizes must hold as many radii as are drawn \(5\), got 4"):
+        pm.random_packing(5, dimension=2, packing_fraction=0.5, sizes=radius, seed=1)
+
+
 def test_numbers_that_follow_from_the_arrays():
     packing = two()
     assert (packing.particles, packing.dimension) == (2, 2)
@@ -88,7 +104,13 @@ BOX = pm.Box.cubic(4.0, 2)
         (([[0.0, 0.0], [1.0, 1.0]], [0.5, 0.0], BOX), "radius_n must be positive, got 0.0 for particle 1"),
         (([[0.0, 0.0]], [np.nan], BOX), "radius_n must be finite, got nan for particle 0"),
         (([[0.0, 0.0]], [0.5, 0.5], BOX), r"radius_n must have one entry per particle \(1\), got 2"),
-        (([[0.0, 0.0]], 0.5, BOX), r"radius_n must have shape \(any\), got \(\)"),
+        (([[0.0, 0.0]], -0.5, BOX), "radius_n must be a finite number above 0, got -0.5"),
+        (([[0.0, 0.0]], True, BOX), "radius_n must have shape"),
+        (([[0.0, 0.0]], 0.5, -2.0), "box must be a finite number above 0, got -2.0"),
+        (
+            ([[0.0, 0.0]], 0.5, [2.0, 3.0, 4.0]),
+            "box must be a Box, got .2.0, 3.0, 4.0. .one length, or those of its 2 sides, would do",
+        ),
         (([["a", "b"]], [0.5], BOX), "position_nd must be an array of real numbers"),
         (([[0.0, 0.0]], [None], BOX), "radius_n must be an array of real numbers"),
         (([[0.0], [0.0, 1.0]], [0.5, 0.5], BOX), "position_nd must be an array of real numbers"),

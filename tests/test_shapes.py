@@ -24,7 +24,7 @@ HONOR = {
     "anneal_shape", "bond_orientational_order", "contact_statistics", "correlation_function", "find_neighbors",
     "contact_forces", "force_chains", "force_distribution", "frictional_modes", "settle", "stiffness_matrix",
     "nematic_order", "pair_distribution", "partial_structure_factors",
-    "spectral_density", "structure_factor",
+    "spectral_density", "structure_factor", "to_ase", "to_freud", "to_hoomd",
 }  # fmt: skip
 
 

@@ -34,6 +34,7 @@ VERBS = {
     "scenes": "List, show or copy the scenes that ship inside the package.",
     "effects": "Say which call honors which effect of a scene.",
     "ensemble": "Run a scene or a function over seeds and parameters, here or on a cluster; resumes what it finds.",
+    "guide": "List what there is to read, or print one page of it.",
 }
 
 

@@ -33,7 +33,7 @@ from packmech.view.report import check_verdict_settings, examine
 
 
 def analyze(
-    file: Annotated[Path, Parameter(help="a packing: .npz, .gsd, or a text table of positions and radii")],
+    file: Annotated[Path, Parameter(help="a packing: .npz, .gsd, .data, .dump, .xyz, .csv, ... (pm.read_packing)")],
     /,
     *,
     load: Load = (),

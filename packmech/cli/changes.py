@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from packmech.files.records import value_of_text
+from packmech.scene import Scene
+from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_of_tables
+
+# pressure at which a scene is jammed that gets friction here [energy_scale / diameter^d]
+_PRESSED = 1e-3
 
 
 @Parameter(name="*")
@@ -19,7 +25,7 @@ class Changes:
     ----------
     set
         NAME=VALUE, a field of the scene by its path, such as packing.particles=500, drive.strain=isotropic or
-        effects.friction.coefficient=0.1 (an effect that the scene lacks is added); may be repeated
+        effects.friction.coefficient=0.1; may be repeated
     particles
         number of particles
     dimension
@@ -29,7 +35,8 @@ class Changes:
     law
         of the repulsion: harmonic, hertz, ...
     friction
-        Coulomb's coefficient; adds friction to a scene without
+        Coulomb's coefficient; adds friction to a scene without, which is then jammed at a pressure of 1e-3 unless
+        another one is given
 
     """
 
@@ -40,6 +47,25 @@ class Changes:
     law: str | None = None
     friction: float | None = None
 
+    def scene(self, name: str, *, seed: int | None) -> Scene:
+        """Return the scene of a file, or a shipped one, with these values."""
+        tables, folder = self.tables(name, seed=seed)
+        return scene_of_tables(tables, folder, name=name)
+
+    def tables(self, name: str, *, seed: int | None) -> tuple[dict[str, Any], Path]:
+        """Return the tables of a scene file with these values, and the folder that its paths are relative to."""
+        tables, folder = read_scene_tables(name)
+        changes = self.by_path()
+        if self.friction is not None:
+            effects, drive = tables.get("effects"), tables.get("drive")
+            if isinstance(effects, list) and all(one.get("kind") != "friction" for one in effects):
+                effects.append({"kind": "friction"})
+                # what is pressed in time takes ever longer to come to rest at ever lower pressures
+                if isinstance(drive, dict) and drive.get("kind") == "jam":
+                    drive["pressure"] = max(_PRESSED, drive.get("pressure", _PRESSED))
+            changes["effects.friction.coefficient"] = self.friction
+        return changed_tables(tables, seed=seed, changes=changes), folder
+
     def by_path(self) -> dict[str, Any]:
         """Return the values by their paths, as `pm.read_scene` takes them."""
         named = {
@@ -47,7 +73,6 @@ class Changes:
             "packing.dimension": self.dimension,
             "packing.packing_fraction": self.packing_fraction,
             "effects.repulsion.law": self.law,
-            "effects.friction.coefficient": self.friction,
         }
         found = {path: value for path, value in named.items() if value is not None}
         for text in self.set:

@@ -14,7 +14,6 @@ from packmech.cli.output import SCENE, Files, Json, Load, Modes, Out, Seed, Swit
 from packmech.cli.run import Pictures, Wanted, carry_out
 from packmech.files.modules import load_modules
 from packmech.scene import JamDrive
-from packmech.scenes.scene_file import read_scene
 
 
 def jam(
@@ -48,7 +47,7 @@ def jam(
     """
     load_modules(load)
     files = Files(None if no_record else record, out, json)
-    read = read_scene(scene, seed=seed, changes=changes.by_path())
+    read = changes.scene(scene, seed=seed)
     drive = read.drive if isinstance(read.drive, JamDrive) else JamDrive()
     drive = replace(
         drive,

@@ -12,7 +12,7 @@ from packmech.cli.output import Load, Seed, show
 from packmech.files.modules import load_modules
 from packmech.files.packings import replacing, target_file
 from packmech.scenes.reference import commented_scene
-from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_of_tables
+from packmech.scenes.scene_file import scene_of_tables
 
 
 def new(
@@ -41,12 +41,11 @@ def new(
         raise ValueError(f"file must end in .toml, got {str(file)!r}")
     if file.exists() and not overwrite:
         raise ValueError(f"file must not exist (or give --overwrite), got {str(file)!r}")
-    tables, folder = read_scene_tables(like)
-    by_path = changes.by_path()
-    tables = changed_tables(tables, seed=seed, changes=by_path)
-    tables.pop("description", None)
-    if description is not None or not by_path and seed is None:
-        tables["description"] = description or read_scene_tables(like)[0].get("description", "")
+    tables, folder = changes.tables(like, seed=seed)
+    if description is not None:
+        tables["description"] = description
+    elif changes != Changes() or seed is not None:
+        tables.pop("description", None)
     scene_of_tables(tables, folder, name=str(file))
     with replacing(target_file(file)) as partial:
         partial.write_text(commented_scene(tables), encoding="utf-8")

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from packmech.check import integer
 from packmech.effects import law_of
-from packmech.files.packings import target_file, write_packing
+from packmech.files.packings import NotKeptError, target_file, write_packing
 from packmech.packing import Packing
 from packmech.result import STAGE_HEADINGS, HasSummary, Summary, stage_rows
 from packmech.scene import Scene
@@ -33,7 +33,10 @@ Load = Annotated[
 ]
 Switch = Annotated[bool, Parameter(show_default=False)]
 Json = Annotated[Path | None, Parameter(help="write the numbers as JSON")]
-Out = Annotated[Path | None, Parameter(help="write the packing: .npz (exact), .gsd or .txt")]
+Out = Annotated[
+    Path | None,
+    Parameter(help="write the packing: .npz, .gsd, .data, .dump, .extxyz, .vtp, .csv, ... (as pm.write_packing)"),
+]
 Record = Annotated[Path | None, Parameter(help="Rerun recording; not written unless given")]
 Modes = Annotated[int, Parameter(help="how many of the lowest vibrations to find")]
 Seed = Annotated[int | None, Parameter(help="another seed for the scene's random start")]
@@ -70,7 +73,12 @@ class Files:
         """Write the packing, and the law of its scene with it where the format has a place for it."""
         if self.out is not None:
             law = None if scene is None or self.out.suffix != ".npz" else law_of(scene.effects)
-            write_packing(packing, self.out, law=law)
+            try:
+                write_packing(packing, self.out, law=law)
+            except NotKeptError as error:
+                # the work is done: what the format has a place for is written
+                write_packing(packing, self.out, law=law, drop=True)
+                show(f"{self.out} has no place for, and does not hold: {'; '.join(error.lost)}")
 
     def write_json(self, numbers: dict[str, Any]) -> None:
         """Write the numbers as JSON; what is no number there (infinite, undefined) becomes null."""

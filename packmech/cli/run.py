@@ -38,11 +38,11 @@ from packmech.effects import bonds_of
 from packmech.files.modules import load_modules
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
+from packmech.observables import State, measure_added
 from packmech.result import NotConverged, Run
 from packmech.scene import Scene
 from packmech.scenes import run as run_drive
 from packmech.scenes import takes_checkpoint
-from packmech.scenes.scene_file import read_scene
 from packmech.view.report import Report, examine
 
 # packings that a recording shows of a run that follows time
@@ -147,7 +147,7 @@ def run(
     load_modules(load)
     shown = Pictures(live, frames, format, pictures)
     files = Files(None if no_record else record, out, json)
-    read = read_scene(scene, seed=seed, changes=changes.by_path())
+    read = changes.scene(scene, seed=seed)
     if read.drive is None:
         raise ValueError(f"scene must have a [drive] to be run, got none in {scene!r}")
     return carry_out(Wanted(scene, read, seed, files, shown, check_modes(modes), checkpoint))
@@ -239,6 +239,8 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
     scene, files = wanted.scene, wanted.files
     about = done if report is None else report
     numbers, title = about.to_dict(), title_of(wanted.name, about)
+    last = done.runs[-1] if hasattr(done, "runs") else done
+    numbers |= {name: value.tolist() for name, value in measure_added(lambda: _end_of(last, scene)).items()}
     bonds = bonds_of(scene.effects)
     if bonds is not None and report is None:
         numbers["bonds"] = len(bonds)
@@ -271,6 +273,13 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
                 summary=(one if label else about).summary().markdown(f"{title} {label}".strip()),
             )
             show(f"recording: {path}   (open it: rerun {path})")
+
+
+def _end_of(run: Run, scene: Scene) -> State:
+    """Return what observables of a user's own are measured of at the end of a run."""
+    dt = getattr(run, "dt", None)
+    moved = (getattr(run, "velocity_nd", None), getattr(run, "spin_nk", None))
+    return State(run.packing, scene.effects, run.steps, None if dt is None else dt * run.steps, *moved)
 
 
 def _labeled(done: Any) -> list[tuple[Run, str]]:

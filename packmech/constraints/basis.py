@@ -53,7 +53,7 @@ def motion_basis(
     """Return the motions (x, e) that the links admit to first order, as columns of an (N d + s, N_dof) matrix.
 
     Positions come first, cluster by cluster, then at most s motions with strain: of all that make that strain those
-    with the least motion of the particles, made orthonormal (section 4 of the corrected specification). Columns are
+    with the least motion of the particles, made orthonormal. Columns are
     orthonormal in sum of mass x.x + strain_scale^2 e.e.
 
     Parameters
@@ -337,7 +337,7 @@ def constraint_basis(
 
     Coordinates are the positions, particle-major, and with strain the Mandel strains times `strain_scale`. Degrees of
     freedom: N d - rank in a fixed box, N d + s - rank with strain, one less with isochoric ones; translations count.
-    Equations 5, 6 and 28 to 32 of the polymer source, cluster by cluster.
+    Equations 5, 6 and 28 to 32 of Dennis (2021), cluster by cluster.
 
     Parameters
     ----------

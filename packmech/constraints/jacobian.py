@@ -32,7 +32,7 @@ def link_rows(links: ConstraintFactor, form: str = "exact") -> tuple[sp.csc_arra
     """Return Omega, the (N d, L) derivatives of the links' lengths by the positions, and (s, L) by Mandel strains."""
     position, strain = links.gradient_lx.T.tocsc(), links.strain_le.T
     if form == "paper":
-        # rho n.E.n = v.E.v / rho; the source's l tau.E.tau is v.E.v / l
+        # rho n.E.n = v.E.v / rho; the l tau.E.tau of Dennis (2021) is v.E.v / l
         over = links.pairs.distance_c / links.links.length_l
         position, strain = position.multiply(over).tocsc(), strain * over
     return position, strain
@@ -48,8 +48,8 @@ def constraint_jacobian(
 ) -> sp.csc_array:
     """Return the constraint Jacobian: (N d, L) derivatives of the links' lengths, one column for each link.
 
-    Column l holds dc_l / dx_k = n (delta_jk - delta_ik) for c_l = |v_l| - length_l, n = v/|v| (equation 4 of the
-    polymer source). Where the box may strain there are s = d(d+1)/2 further rows, rho n.E.n for every Mandel strain E
+    Column l holds dc_l / dx_k = n (delta_jk - delta_ik) for c_l = |v_l| - length_l, n = v/|v| (equation 4 of
+    Dennis, 2021). Where the box may strain there are s = d(d+1)/2 further rows, rho n.E.n for every Mandel strain E
     (equation 16); where it must keep its volume, a further column (0, tr E) (equation 17). Rows are particle-major
     positions, then the strains xx, yy, sqrt2 xy in two dimensions; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy in three. A
     packing without links has no columns of links.

@@ -1,6 +1,6 @@
 """Projection onto the constraints: forces without the part that links and a fixed volume take up, and positions back.
 
-F_cons = (1 - Gamma_o Gamma_o^T) F, equations 6 and 18 of the polymer source, Gamma never made dense; and Newton's way
+F_cons = (1 - Gamma_o Gamma_o^T) F, equations 6 and 18 of Dennis (2021), Gamma never made dense; and Newton's way
 back to the links' lengths, equation 7.
 """
 

@@ -2,8 +2,9 @@
 
 Two ellipsoids with A = b^2 1 + (a^2 - b^2) mu mu^T (a along the axis mu, b across it) whose centers are r apart touch
 when scaled by s, with s^2 the largest F(l) = l (1 - l) r C^-1 r for 0 < l < 1 and C = (1 - l) A_i + l A_j. F has one
-maximum. The contact distance along n is sigma = |r| / s. Section 3 of the corrected specification of the third source,
-whose polynomials are written here with positive terms only, so that flat shapes lose no digits.
+maximum. The contact distance along n is sigma = |r| / s. The levels are those of section 3 of Schreck and O'Hern
+(2010), whose polynomials, misprints corrected, are written here with positive terms only, so that flat shapes lose no
+digits.
 """
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
@@ -233,10 +234,11 @@ def contact_distance(
 ) -> NDArray[np.float64]:
     """Return the distances at which pairs of ellipses or spheroids touch when they approach along given directions.
 
-    Perram and Wertheim, J. Comput. Phys. 58, 409 (1985), with the levels of the third source: "gaussian" takes the
-    middle of the range of the parameter, "linear" and "quadratic" the root of its stationarity condition expanded there
-    to first and second order, "exact" the root by Halley's method, safeguarded. Rough levels overestimate: they are for
-    measuring what they cost. Their forces are no gradients of their energies, so that minimizing on them stalls.
+    Perram and Wertheim, J. Comput. Phys. 58, 409 (1985), with the levels of Schreck and O'Hern (2010): "gaussian" takes
+    the middle of the range of the parameter, "linear" and "quadratic" the root of its stationarity condition expanded
+    there to first and second order, "exact" the root by Halley's method, safeguarded. Rough levels overestimate: they
+    are for measuring what they cost. Their forces are no gradients of their energies, so that minimizing on them
+    stalls.
 
     Parameters
     ----------

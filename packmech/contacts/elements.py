@@ -135,11 +135,24 @@ def elements_of(pairs: PairGeometry, first_c: NDArray[np.float64], second_c: NDA
 
     """
     check_centers(pairs, first_c)
-    slope = pairs.slope_cx
-    stiffness = second_c[:, None, None] * (slope[:, :, None] * slope[:, None, :])
-    if first_c.any():
-        stiffness += first_c[:, None, None] * pairs.curvature_cxx
+    slope = np.ascontiguousarray(pairs.slope_cx)
+    curvature = pairs.curvature_cxx if first_c.any() else np.zeros((0, 0, 0))
+    stiffness = _stiffness(first_c, second_c, slope, np.ascontiguousarray(curvature))
     return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, first_c[:, None] * slope, stiffness)
+
+
+@kernel
+def _stiffness(first, second, slope, curvature):  # type: ignore[no-untyped-def]
+    """Return u'' slope slope^T + u' curvature of each contact, the latter where there are curvatures."""
+    count, x = slope.shape
+    out = np.empty((count, x, x))
+    for c in range(count):
+        for a in range(x):
+            for b in range(x):
+                out[c, a, b] = second[c] * (slope[c, a] * slope[c, b])
+                if curvature.shape[0]:
+                    out[c, a, b] += first[c] * curvature[c, a, b]
+    return out
 
 
 def check_centers(pairs: PairGeometry, first_c: NDArray[np.float64]) -> None:

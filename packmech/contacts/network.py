@@ -101,6 +101,19 @@ def candidate_pairs(
     return Candidates(i_c, j_c, np.ascontiguousarray(image_cd))
 
 
+@kernel
+def _curvatures(normal, distance):  # type: ignore[no-untyped-def]
+    """Return (1 - n n) / r of each pair, zero where centers coincide."""
+    count, d = normal.shape
+    out = np.zeros((count, d, d))
+    for c in range(count):
+        if distance[c] > 0.0:
+            for a in range(d):
+                for b in range(d):
+                    out[c, a, b] = ((1.0 if a == b else 0.0) - normal[c, a] * normal[c, b]) / distance[c]
+    return out
+
+
 @shown(lambda one: f"{len(one)} contacts of {one.particles} particles")
 @dataclass(frozen=True, eq=False)
 class Contacts:
@@ -156,10 +169,7 @@ class Contacts:
     @property
     def curvature_cxx(self) -> NDArray[np.float64]:
         """The (C, d, d) second derivatives of the distances, (1 - n n) / r; zero where centers coincide [1/length]."""
-        apart = self.distance_c > 0.0
-        share = np.divide(1.0, self.distance_c, out=np.zeros_like(self.distance_c), where=apart)
-        across = np.eye(self.dimension) - self.normal_cd[:, :, None] * self.normal_cd[:, None, :]
-        return np.asarray(share[:, None, None] * across)
+        return np.asarray(_curvatures(self.normal_cd, self.distance_c))
 
     @property
     def shapes(self) -> Discs:
@@ -378,7 +388,8 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=scale)
     contacts = pair_contacts(packing, *pairs)
     touching = contacts.gap_c <= tolerance * contacts.contact_distance_c
-    touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
+    if packing.links:
+        touching &= ~Excluded(packing).mask(contacts.i_c, contacts.j_c, contacts.image_cd)
     if gap_tolerance is None:
         touching = overlapping_or_all(packing, contacts.gap_c, contacts.contact_distance_c, touching)
     return contacts.select(touching)

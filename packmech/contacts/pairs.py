@@ -29,6 +29,8 @@ def search_pairs(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> Can
 
     """
     pairs = candidate_sites(packing, scale, skin)
+    if not packing.links:
+        return pairs
     apart = ~Excluded(packing).mask(*pairs)
     return Candidates(*(part[apart] for part in pairs))
 

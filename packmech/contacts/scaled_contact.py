@@ -2,7 +2,7 @@
 
 s is the factor by which two shapes must be scaled to touch, |r| over the contact distance, so that they overlap where
 s < 1. Coordinates of a pair are r from i to j and the turns of i and of j: one angle each in a plane, rotation vectors
-in space. Section 4 of the corrected specification of the third source: F = s^2 is stationary in the parameter l of the
+in space. F = s^2 is stationary in the parameter l of the
 contact function, so that first derivatives are those at fixed l, and second ones follow from the implicit function
 theorem.
 """

@@ -203,6 +203,8 @@ def candidate_sites(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> 
     owner, reach = bodies.particle_b, np.maximum(*bodies.semi_axes(radius))
     place = packing.position_nd[owner] + bodies.arms(radius)
     found = candidate_pairs(place, reach, packing.box, scale=scale, skin=skin)
+    if not bodies.has_beads:
+        return found
     i, j = owner[found.i_c], owner[found.j_c]
     other = (i != j) | found.image_cd.any(axis=1)
     order = np.flatnonzero(other)[np.lexsort((j[other], i[other]))]

@@ -10,7 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
 from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
@@ -43,12 +42,12 @@ from packmech.dynamics.observables import (
     TORQUE,
     measure,
 )
-from packmech.dynamics.time_step import WHOLE_STEP, Acting, EngineSystem, Rule, Span, advance
+from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, EngineSystem, Rule, Span, run_steps
 from packmech.effects import Friction, friction_of
 from packmech.honors import declare
-from packmech.jit.compiled import compiled_form, device, kernel
+from packmech.jit.compiled import device, inner_lean, kernel
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
-from packmech.minimize.passes.pair_list import SEARCHES
+from packmech.minimize.passes.pair_list import follow
 from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
 from packmech.result import Outcome
@@ -60,8 +59,8 @@ STEPS, LEFT, SINCE, STATUS, GOOD, COUNTS = 0, 1, 2, 3, 4, 5
 REACH, VOLUME, SHEARED, FASTEST, LAST_FORCE, LAST_STRAIN, HEIGHT, NUMBERS = 0, 1, 2, 3, 4, 5, 6, 7
 # other lattice vectors may be better where the smallest height has become so much smaller
 _FLATTER = 0.85
-# what a call does: start a frame, go on with one that was left, or only observe
-FRESH, AGAIN, OBSERVE = 0, 1, 2
+# what is done: a frame is started, gone on with where it was left or with new pair lists, or only observed
+FRESH, AGAIN, NEW_LISTS, OBSERVE = 0, 1, 2, 3
 # leading columns of figures; then the stress (3 numbers in a plane, 6 in space), and the others named in `figure_names`
 FIGURE_TIME, FIGURE_STRAIN, FIGURE_RATE, FIGURE_STRESS = 0, 1, 2, 3
 
@@ -105,22 +104,14 @@ def figure_names(dimension: int) -> tuple[str, ...]:
     return ("time", "strain", "rate", *component_names("stress", size, symmetric=True), "pressure", *named)
 
 
-def with_friction(system: EngineSystem, coefficient: float) -> EngineSystem:
-    """Return the system with another coefficient of friction; the same where there is none."""
-    raise NotImplementedError("frames are taken in compiled loops")
-
-
-@compiled_form(with_friction)
-def _choose_with_friction(system: Any, coefficient: Any) -> Any:
-    if isinstance(system[0][2], types.NoneType):
-        return lambda system, coefficient: system
-
-    def another(system, coefficient):
-        (pairs, bodies, old, shapes), axes, state, links, space, lists, track = system
-        friction = Friction(coefficient, old.stiffness, old.damping)
-        return EngineSystem(Acting(pairs, bodies, friction, shapes), axes, state, links, space, lists, track)
-
-    return another
+@device
+def _friction_of_frame(friction, plan, doing, control_k):
+    """Return the friction that a frame is taken with; None without."""
+    if friction is None:
+        return None
+    switched = plan.switched and doing != OBSERVE
+    coefficient = control_k[control_k.shape[0] - 1] if switched else friction.coefficient
+    return Friction(coefficient, friction.stiffness, friction.damping)
 
 
 @kernel
@@ -184,16 +175,21 @@ def _is_finite(row):
 
 
 @device
+def _copy(source_nk, to_nk):
+    for i in range(to_nk.shape[0]):
+        for k in range(to_nk.shape[1]):
+            to_nk[i, k] = source_nk[i, k]
+
+
+@device
 def _put_back(state, profile, plan):
     """Put places, turns, velocities, strain and time back to the end of the last frame that was finished."""
-    good_nk, count_k, row = plan.good_nk, plan.count_k, plan.row
-    plan.turn_nq[:] = plan.good_turn_nq
-    for i in range(good_nk.shape[0]):
-        for a in range(good_nk.shape[1]):
-            state.body[i, a] = good_nk[i, a]
+    count_k, figure_k = plan.count_k, plan.figure_k
+    _copy(plan.good_turn_nq, plan.turn_nq)
+    _copy(plan.good_nk, state.body)
     count_k[STEPS] = count_k[GOOD]
     count_k[LEFT] = 0
-    end_path(profile, row[TIME], row[STRAIN], row[RATE])
+    end_path(profile, figure_k[FIGURE_TIME], figure_k[FIGURE_STRAIN], figure_k[FIGURE_RATE])
 
 
 @device
@@ -213,27 +209,27 @@ def _is_outside(axes, body, frame, height):
     return False
 
 
-@device
-def _frame(batch, b, doing, control_k):
-    """Take a frame of one packing, or what was left of it; return its status.
+@inner_lean
+def _part_of_frame(system, plan, doing, control_k):
+    """Take a frame of one packing, or what was left of it, as far as its pair lists reach; return its status.
 
-    That is RUNNING or how it failed, and whether its particles must be wrapped.
+    That is RUNNING, SEARCH where new lists are due, or how it failed; and whether its particles must be wrapped.
     """
-    system, plan = batch[b]
-    count_k, number_k, row = plan.count_k, plan.number_k, plan.row
+    count_k, number_k = plan.count_k, plan.number_k
     if count_k[STATUS] != RUNNING:
         return count_k[STATUS], False
-    state, space = system.state, system.space
+    acting, axes, state, links, space, pairs, track = system
     profile = space.flow.profile
-    rule = Rule(plan.dt, plan.second_order, number_k[REACH])
-    searches = system.pairs.number[SEARCHES]
-    switched = doing == FRESH and plan.switched
     if doing == FRESH:
-        if switched:
-            system = with_friction(system, control_k[control_k.shape[0] - 1])
         begin, end = count_k[STEPS] * plan.dt, (count_k[STEPS] + plan.steps) * plan.dt
         number_k[FASTEST] = extend_path(profile, plan.control, begin, end, control_k) * plan.dt
         count_k[LEFT] = plan.steps
+    friction = _friction_of_frame(acting.friction, plan, doing, control_k)
+    now = EngineSystem(
+        Acting(acting.pairs, acting.bodies, friction, acting.shapes), axes, state, links, space, pairs, track
+    )
+    rule = Rule(plan.dt, plan.second_order, number_k[REACH])
+    start = REST_OF_STEP if doing == NEW_LISTS else WHOLE_STEP
     status = RUNNING
     outside = False
     while count_k[LEFT] > 0 and status == RUNNING and not outside:
@@ -241,34 +237,45 @@ def _frame(batch, b, doing, control_k):
         room = SHEARED_ENOUGH - number_k[SHEARED]
         if number_k[FASTEST] * due > room:
             due = max(1, int(room / number_k[FASTEST]))
-        status, taken, system = advance(system, None, 1, Span(WHOLE_STEP, count_k[STEPS], due), rule)
+        status, taken = run_steps(now, None, 1, Span(start, count_k[STEPS], due), rule)
+        start = WHOLE_STEP
         count_k[STEPS] += taken
         count_k[LEFT] -= taken
         count_k[SINCE] += taken
         number_k[SHEARED] += taken * number_k[FASTEST]
         if status == RUNNING and (count_k[SINCE] >= WRAP_EVERY or number_k[SHEARED] >= SHEARED_ENOUGH * (1.0 - 1e-9)):
-            outside = _is_outside(system.axes, state.body, space.frame, number_k[HEIGHT])
+            outside = _is_outside(axes, state.body, space.frame, number_k[HEIGHT])
             count_k[SINCE] = 0
             number_k[SHEARED] = 0.0
     if status == RUNNING and count_k[LEFT] == 0:
-        fresh = np.empty(COLUMNS)
-        measure(system, count_k[STEPS] * plan.dt, Now(0.5 * plan.dt if plan.second_order else plan.dt), fresh)
-        if _is_finite(fresh):
-            row[:] = fresh
+        measure(now, count_k[STEPS] * plan.dt, Now(0.5 * plan.dt if plan.second_order else plan.dt), plan.row)
+        if _is_finite(plan.row):
             _write_figures(plan)
-            plan.good_nk[:] = state.body
-            plan.good_turn_nq[:] = plan.turn_nq
+            _copy(state.body, plan.good_nk)
+            _copy(plan.turn_nq, plan.good_turn_nq)
             count_k[GOOD] = count_k[STEPS]
         else:
             status = NOT_FINITE
-    if switched or system.pairs.number[SEARCHES] != searches:
-        # storing a record costs as much as a step of a small packing
-        batch[b] = (system, plan)
-    if status != RUNNING:
+    if status != RUNNING and status != SEARCH:
         _put_back(state, profile, plan)
         count_k[STATUS] = status
         return status, False
     return status, outside
+
+
+@device
+def _frame(batch, b, doing, control_k):
+    """Take a frame of one packing, or what was left of it; return whether it is good, and must be wrapped."""
+    while True:
+        # no record is named twice: each of its dozens of arrays would be counted again
+        system, plan = batch[b]
+        status, outside = _part_of_frame(system, plan, doing, control_k)
+        if status != SEARCH:
+            return status == RUNNING, outside
+        acting, axes, state, links, space, pairs, track = system
+        pairs, track = follow(axes, state.body, space, pairs, track)
+        batch[b] = (EngineSystem(acting, axes, state, links, space, pairs, track), plan)
+        doing = NEW_LISTS
 
 
 @kernel
@@ -297,10 +304,8 @@ def frames(batch, doing, low, high, active_b, control_bk, wrap_b, good_b):
     count = 0
     for b in range(low, high):
         if active_b[b]:
-            status, outside = _frame(batch, b, doing, control_bk[b])
-            wrap_b[b] = outside
-            count += outside
-            good_b[b] = status == RUNNING
+            good_b[b], wrap_b[b] = _frame(batch, b, doing, control_bk[b])
+            count += wrap_b[b]
     return count
 
 
@@ -612,10 +617,7 @@ class ShearBatch:
             if left_b[b]:
                 self._before.setdefault(b, engine.wrap_nd.copy())
             system, _ = fetch(self._batch, b)
-            # what acts, too: its friction may have been switched
-            engine.acting, engine.space, engine.pairs, engine.track = (
-                system.acting, system.space, system.pairs, system.track,
-            )  # fmt: skip
+            engine.space, engine.pairs, engine.track = system.space, system.pairs, system.track
             engine.wrap()
             if not left_b[b]:
                 self._good[b][0][:] = engine.state.body

@@ -43,6 +43,8 @@ from packmech.dynamics.stability import step_condition
 from packmech.dynamics.stretches import Stretches, blocks_of, empty_track, read_stretches, write_stretches
 from packmech.dynamics.time_step import (
     FORCES,
+    REST_OF_STEP,
+    SEARCH,
     TOO_FAST,
     WHOLE_STEP,
     Acting,
@@ -50,7 +52,6 @@ from packmech.dynamics.time_step import (
     EngineSystem,
     Rule,
     Span,
-    advance,
     run_steps,
 )
 from packmech.effects import (
@@ -65,10 +66,11 @@ from packmech.effects import (
     reach_beyond_contact,
     refuse_tangential_bonds,
 )
+from packmech.jit.compiled import kernel
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.passes.kernels import RUNNING
-from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, Track, empty_list, search
+from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, Track, empty_list, follow
 from packmech.minimize.program import space_order
 from packmech.packing import Packing
 from packmech.result import Condition
@@ -89,6 +91,12 @@ _ROUNDING = 1e-9
 _FRAME = ("lattice_dd", "inverse_dd", "height_d")
 # other lattice vectors are taken where the loops' are so much flatter than the best
 _FLAT = 0.7
+
+
+@kernel
+def _followed(axes, body, space, pairs, track):  # type: ignore[no-untyped-def]
+    """Return valid lists and their track to Python: for minimizers it is not compiled how arrays are handed on."""
+    return follow(axes, body, space, pairs, track)
 
 
 @dataclass(eq=False)
@@ -261,7 +269,7 @@ class Engine:
         """Take the forces of the present state, in the same loop as steps with this ledger."""
         if self.space.flow is not None:
             set_flow(self.space.flow, self.space.frame, self.time)
-        self._search()
+        self._follow()
         if self.steps == 0 and self.track is not None and self.scene.packing.tangential is not None:
             self._set_springs(self.scene.packing.tangential)
         self._take_forces(ledger)
@@ -276,16 +284,20 @@ class Engine:
             self.begin(ledger)
         if self.too_long is not None:
             return TOO_FAST
-        left = steps
+        start, left = WHOLE_STEP, steps
         while left > 0:
-            span = Span(WHOLE_STEP, self.steps, min(left, self.wrap_every - self.steps % self.wrap_every))
-            status, taken, system = advance(self.system, ledger, self.threads, span, self.rule)
-            self.pairs, self.track = system.pairs, system.track
+            span = Span(start, self.steps, min(left, self.wrap_every - self.steps % self.wrap_every))
+            status, taken = run_steps(self.system, ledger, self.threads, span, self.rule)
             self.steps += taken
             self.force_evaluations += taken
             left -= taken
+            if status == SEARCH:
+                self._follow()
+                start = REST_OF_STEP
+                continue
             if status != RUNNING:
-                return int(status)
+                return status
+            start = WHOLE_STEP
             if self.steps % self.wrap_every == 0:
                 self.wrap()
         return RUNNING
@@ -293,8 +305,8 @@ class Engine:
     def _take_forces(self, ledger: Ledger | None = None) -> None:
         run_steps(self.system, ledger, self.threads, Span(FORCES, self.steps, 1), self.rule)
 
-    def _search(self) -> None:
-        self.pairs, self.track = search(self.axes, self.state.body, self.space, self.pairs, self.track)
+    def _follow(self) -> None:
+        self.pairs, self.track = _followed(self.axes, self.state.body, self.space, self.pairs, self.track)
 
     def observe(self) -> NDArray[np.float64]:
         """Return the observables of the present time, in the columns of `observables`; it changes no bit."""
@@ -444,7 +456,7 @@ class Engine:
 
     def rebuild_lists(self, held: Stretches) -> None:
         """Make the lists at the present positions and give their springs these stretches; forces stay as they are."""
-        self._search()
+        self._follow()
         write_stretches(self.pairs, self.track, held)
 
     def arrays(self) -> dict[str, NDArray[Any]]:

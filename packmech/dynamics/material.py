@@ -27,7 +27,7 @@ def contact_stiffness(young_modulus: float, *, poisson_ratio: float = 0.0) -> fl
     young_modulus
         E [Pa].
     poisson_ratio
-        nu, from 0 (which the source takes; at most 25 % off) to 0.5 [1].
+        nu, from 0 (which particleShear takes; at most 25 % off) to 0.5 [1].
 
     Examples
     --------

@@ -350,8 +350,8 @@ def tensors(row_tk: NDArray[np.float64], dimension: int, volume: float) -> dict[
 
     "contact": forces of contacts and bonds times branch vectors. "torque": half the sum of torques as an antisymmetric
     matrix, which makes up for what is not symmetric in it. "spin": what rotation stretches grains by (the centrifugal
-    term, (I/2)(|w|^2 - w w)). "overall": the sum of these three, symmetric (section 10 of the corrected specification
-    and section 7.2.2 of its source, in three dimensions too). "kinetic": -sum m c c of the peculiar velocities; in no
+    term, (I/2)(|w|^2 - w w)). "overall": the sum of these three, symmetric (section 7.2.2 of the
+    documentation of particleShear, in three dimensions too). "kinetic": -sum m c c of the peculiar velocities; in no
     other.
     """
     d = dimension

@@ -25,7 +25,6 @@ from packmech.minimize.passes.pair_list import (
     is_stale_strained,
     largest_contact,
     place_images,
-    search,
     update_lists,
 )
 
@@ -335,11 +334,11 @@ def project_velocities(thread, links, axes, body, half):
         wait(thread)
 
 
-@device
+@inlined
 def kick_and_drift(system, thread, rows, time, rule, split):
     """Kick the rows of this thread and take them to the end of a step that begins at a time; return how that ended.
 
-    The box and the images follow; where pair lists must be rebuilt, by `search`, nothing is lost: SEARCH.
+    The box and the images follow; where pair lists must be rebuilt, by `follow`, nothing is lost: SEARCH.
     """
     axes, state, space, links, pairs = system.axes, system.state, system.space, system.links, system.pairs
     lattice = space.frame.lattice_dd
@@ -430,28 +429,3 @@ def run_steps(system: EngineSystem, ledger: Any, threads: int, span: Span, rule:
 @compiled_form(run_steps)
 def _choose_run_steps(system: Any, ledger: Any, threads: Any, span: Any, rule: Any) -> Any:
     return lambda system, ledger, threads, span, rule: take_steps(system, ledger, None, span, rule)
-
-
-@device
-def advance(system: EngineSystem, ledger: Any, threads: int, span: Span, rule: Rule) -> tuple[int, int, EngineSystem]:
-    """Take up to `span.steps` whole steps, with new pair lists wherever these are stale.
-
-    Return how that ended, the steps taken, and the system with the lists that are valid then.
-    """
-    status, taken, start = RUNNING, 0, WHOLE_STEP
-    while taken < span.steps and status == RUNNING:
-        status, more = run_steps(system, ledger, threads, Span(start, span.first + taken, span.steps - taken), rule)
-        taken += more
-        start = WHOLE_STEP
-        if status == SEARCH:
-            system = with_new_lists(system)
-            status, start = RUNNING, REST_OF_STEP
-    return status, taken, system
-
-
-@device
-def with_new_lists(system: EngineSystem) -> EngineSystem:
-    """Return the system with pair lists rebuilt at its positions and strain."""
-    acting, axes, state, links, space, pairs, track = system
-    pairs, track = search(axes, state.body, space, pairs, track)
-    return EngineSystem(acting, axes, state, links, space, pairs, track)

@@ -28,8 +28,8 @@ T = TypeVar("T", bound=Contacts | ShapeContacts)
 class Bonds:
     """Permanent bonds: a normal spring of any distance, an unbounded tangential spring, and dashpots along both.
 
-    A bonded pair is no contact: the bond's compression stands for its repulsion. These are the permanent links of the
-    frictional model (section 5 of the corrected specification), not packmech's rigid links. `pm.bond_contacts` makes
+    A bonded pair is no contact: the bond's compression stands for its repulsion. These are the permanent links of
+    particleShear (Braschler, 2021), not packmech's rigid links. `pm.bond_contacts` makes
     them of the contacts of a packing. Bonds of ellipses, spheroids and rigid bodies act on their centers and turn
     them no more than gravity does: those with tangential springs or dashpots are refused there. At the start of a scene
     tangential springs are slack. Second derivatives of energies, modes and `quench` take bonds without them

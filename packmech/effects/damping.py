@@ -20,14 +20,14 @@ class _ContactDamping(NamedTuple):
 class ContactDamping(_ContactDamping):
     """A dashpot along the line of centers of touching pairs: force = -coefficient * s(xi) * d(distance)/dt.
 
-    The damping term of equation 2.3 of Schreck and O'Hern; it conserves momentum.
+    The damping term of equation 2.3 of Schreck and O'Hern (2010); it conserves momentum.
 
     Parameters
     ----------
     coefficient
         Of the dashpot [mass/time].
     onset
-        "jump": the whole dashpot acts as soon as particles touch, s = 1 (the linear dashpot of the sources). Its force
+        "jump": the whole dashpot acts as soon as particles touch, s = 1 (the usual linear dashpot). Its force
         jumps as a contact opens or closes, which leaves every integrator at first order there. "smooth": it grows with
         the relative overlap xi = 1 - r/sigma, s = xi / (xi + onset), half of it at an overlap of 0.01; forces are then
         continuous and velocity Verlet of second order across openings and closings. Or another overlap than 0.01 (0 is

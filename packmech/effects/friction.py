@@ -15,7 +15,7 @@ class Friction(NamedTuple):
     the cap is reached: steady sliding feels coefficient * F_n at once, F_n the elastic normal force without
     dashpots. Arms are the particles' shares of the distance, a_i = r_i d / (r_i + r_j), in the slip and in the torque:
     angular momentum is kept exactly and energy is, where nothing slides and nothing is damped. Cundall and Strack
-    (1979) with the arms and the cap of section 5 of the corrected specification.
+    (1979), with these arms and this cap.
 
     Parameters
     ----------

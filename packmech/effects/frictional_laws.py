@@ -1,6 +1,6 @@
 """Laws of the frictional model: repulsion that diverges or yields in between, and tension that saturates.
 
-Section 5 of the corrected specification of particleShear, whose equations are S1-n. A law here may say with `fault`
+Those of particleShear (Braschler, 2021), whose equations are S1-n. A law here may say with `fault`
 which of its numbers is out of bounds.
 """
 

@@ -229,21 +229,22 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
         The scene's effects.
 
     """
-    acting = interactions_of(effects)
-    near = Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension), np.int64))
+    acting, bonded = interactions_of(effects), bonded_pairs(packing, effects)
+    pairs = Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension), np.int64))
     if acting:
         beyond = reach_beyond_contact(acting, packing.radius_n)
-        near = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=beyond)
-    pairs = unbonded(pair_contacts(packing, *near), effects)
-    pairs = pairs.select(~Excluded(packing).mask(pairs.i_c, pairs.j_c, pairs.image_cd))
-    alignment, turning, bending = _alignments(packing, pairs)
-    energy, first, second = np.zeros(len(pairs)), np.zeros((len(pairs), 2)), np.zeros((len(pairs), 2, 2))
+        pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=beyond)
+    near = pair_contacts(packing, *pairs)
     if acting:
-        _laws(acting, pairs.distance_c, pairs.contact_distance_c, alignment, energy, first, second)
-    found = Interactions(pairs, energy, first, second, turning, bending)
-    return found.select((energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2))).joined(
-        bonded_pairs(packing, effects)
-    )
+        near = unbonded(near, effects)
+        near = near.select(~Excluded(packing).mask(near.i_c, near.j_c, near.image_cd))
+    energy, first, second = np.zeros(len(near)), np.zeros((len(near), 2)), np.zeros((len(near), 2, 2))
+    alignment, turning, bending = _alignments(packing, near)
+    found = Interactions(near, energy, first, second, turning, bending)
+    if acting:
+        _laws(acting, near.distance_c, near.contact_distance_c, alignment, energy, first, second)
+        found = found.select((energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2)))
+    return found.joined(bonded)
 
 
 @kernel

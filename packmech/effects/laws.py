@@ -165,8 +165,8 @@ def _law_second(law: Any, distance: Any, contact_distance: Any) -> Any:
 class PowerLaw(NamedTuple):
     """u = (energy_scale / exponent) xi^exponent with the relative overlap xi = 1 - r/sigma.
 
-    Equation 2.1 of Schreck and O'Hern; exponent 2 is harmonic, 5/2 Hertzian. Any exponent of at least 1.5 keeps forces
-    continuous; below 2 the stiffness diverges as contacts open.
+    Equation 2.1 of Schreck and O'Hern (2010); exponent 2 is harmonic, 5/2 Hertzian. Any exponent of at least 1.5 keeps
+    forces continuous; below 2 the stiffness diverges as contacts open.
     """
 
     energy_scale: float = 1.0
@@ -237,7 +237,8 @@ class Hertz(NamedTuple):
 class RepulsiveLennardJones(NamedTuple):
     """u = energy_scale (s^-12 - 2 s^-6 + 1) with s = r/sigma; value and slope vanish at s = 1.
 
-    Equation 2.2 of Schreck and O'Hern, evaluated through expm1(-6 ln s), which keeps full precision near contact.
+    Equation 2.2 of Schreck and O'Hern (2010), evaluated through expm1(-6 ln s), which keeps full precision near
+    contact.
     """
 
     energy_scale: float = 1.0

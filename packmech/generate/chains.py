@@ -595,7 +595,7 @@ def chain_packing(
     packing_fraction: float,
     link_length: float = 1.0,
     radii: ArrayLike | None = None,
-    sizes: SizeDistribution | None = None,
+    sizes: SizeDistribution | ArrayLike | None = None,
     angles: str | ArrayLike = "free",
     bend: float = 2.0 * math.pi / 3.0,
     form: str | Sequence[int] = "open",

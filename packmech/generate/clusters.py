@@ -31,7 +31,7 @@ def cluster_packing(
     *,
     dimension: int,
     packing_fraction: float,
-    sizes: SizeDistribution | None = None,
+    sizes: SizeDistribution | ArrayLike | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,

@@ -65,7 +65,7 @@ def cut_fragments(
     """Return the bonds that are left when a bonded packing is cut into fragments.
 
     First the cuts, then isolated particles are joined, then it is seen whether a fragment spans the box (the cuts are
-    drawn again if so), then non-essential bonds are taken away. Section 9 of the corrected specification; a bond across
+    drawn again if so), then non-essential bonds are taken away. So does particleShear; a bond across
     the boundary of the box is a bond like any other.
 
     Parameters

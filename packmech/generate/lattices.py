@@ -371,7 +371,7 @@ def tunneled_packing(
     steps. The packing fraction is sqrt(2) pi/9 = 0.494, two thirds of the densest (Torquato and Stillinger, J. Appl.
     Phys. 102, 093511 (2007)).
 
-    The source, whose crystals are among these (it counts two kinds of coordination, of four here), calls them strictly
+    That paper, whose crystals are among these (it counts two kinds of coordination, of four here), calls them strictly
     jammed. In periodic boxes they are not. A cell of L layers has 7 L contacts and 6 L - 3 + 6 ways to
     move and strain, and strict jamming needs one row more than these, the volume's included: too many for L = 1 and 2.
     For every choice of steps up to L = 5 the cell has floppy strains at fixed volume. They change no contact to first

@@ -30,12 +30,27 @@ class SizeDistribution(Protocol):
         ...
 
 
-def sizes_of(sizes: SizeDistribution | None, default: SizeDistribution) -> SizeDistribution:
+@dataclass(frozen=True, eq=False)
+class _Listed:
+    """Radii as they are given, one for each particle."""
+
+    radius_n: NDArray[np.float64]
+
+    def radii(self, particles: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """Return the radii."""
+        if len(self.radius_n) != particles:
+            raise ValueError(f"sizes must hold as many radii as are drawn ({particles}), got {len(self.radius_n)}")
+        return self.radius_n.copy()
+
+
+def sizes_of(sizes: SizeDistribution | ArrayLike | None, default: SizeDistribution) -> SizeDistribution:
     """Return the distribution that an argument `sizes` names, checked; the default for None."""
     if sizes is None:
         return default
+    if isinstance(sizes, list | tuple | np.ndarray) and not isinstance(sizes, SizeDistribution):
+        return _Listed(positive_array("sizes", sizes, shape=(None,)))
     if not isinstance(sizes, SizeDistribution) or isinstance(sizes, type):
-        raise TypeError(f"sizes must have a method radii(particles, rng), got {sizes!r}")
+        raise TypeError(f"sizes must be radii or have a method radii(particles, rng), got {sizes!r}")
     return sizes
 
 
@@ -117,7 +132,7 @@ class Bidisperse:
         Large over small diameter, larger than 1 [1].
     fraction
         Number fraction of the small spheres, or the two numbers by name: ``"50:50"`` or ``"2:1"`` is small : large
-        (the two usual mixtures, jammed-systems source, Figs. 2.16 and 2.8).
+        (the two usual mixtures, Schreck and O'Hern (2010), figures 2.16 and 2.8).
     scatter
         Each radius is multiplied by 1 + scatter * gaussian, at most 0.3 [1].
 
@@ -205,7 +220,8 @@ class Uniform:
     Parameters
     ----------
     ratio
-        Largest over smallest diameter that can be drawn, larger than 1 [1] (jammed-systems source, Fig. 2.8(c): 1.4).
+        Largest over smallest diameter that can be drawn, larger than 1 [1] (Schreck and O'Hern, 2010, figure 2.8(c):
+        1.4).
 
     Examples
     --------
@@ -316,7 +332,7 @@ def random_packing(
     *,
     dimension: int,
     packing_fraction: float,
-    sizes: SizeDistribution | None = None,
+    sizes: SizeDistribution | ArrayLike | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
@@ -338,7 +354,7 @@ def random_packing(
         Sum of the particle areas or volumes over that of the box [1], overlaps and rattlers counted in full.
     sizes
         Distribution of the radii: ``Monodisperse``, ``Bidisperse``, ``Mixture``, ``Uniform``, ``Normal`` or
-        ``LogNormal``; ``Bidisperse()`` (50:50, 1:1.4) when nothing is said.
+        ``LogNormal``; ``Bidisperse()`` (50:50, 1:1.4) when nothing is said. Or the (N,) radii themselves [length].
     seed, rng
         Exactly one of them: a seed for ``numpy.random.default_rng``, or a generator. The same seed gives the same bits.
     box
@@ -404,7 +420,7 @@ def fill_box(
     particles: int,
     *,
     packing_fraction: float,
-    sizes: SizeDistribution | None = None,
+    sizes: SizeDistribution | ArrayLike | None = None,
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     density: float | None = None,

@@ -8,8 +8,8 @@ is the smallest singular value of the rows, and an error e of the rows moves tha
 lengthens the contacts by o on average and shortens none by more than q leaves room for forces below q / o of their
 mean; q is what rounding makes of contacts that the motion is made to keep.
 
-The source's programs ask whether a random load, then its opposite, move anything. Forces w >= 0 on the contacts that
-bear a load b leave no motion that goes against it: b . y = w . (rows y) >= 0. If they bear it but for a rest r, no
+The programs of Dennis (2021) ask whether a random load, then its opposite, move anything. Forces w >= 0 on the contacts
+that bear a load b leave no motion that goes against it: b . y = w . (rows y) >= 0. If they bear it but for a rest r, no
 motion of length 1 goes farther than |r|, and the projection of -b on the motions is no longer than that (Moreau 1962).
 So a solver may stop early where its multipliers, balanced to rounding, prove that the load moves nothing; and what they
 differ by from the least forces that bear it is a state of self stress, which, if all its forces push, bears the
@@ -474,7 +474,7 @@ def yield_to_loads(
     tolerance: float = 1e-8,
     fallback: bool = True,
 ) -> Finding:
-    """Return whether the cone is trivial, by the source's programs: a random load b, then -b, move nothing.
+    """Return whether the cone is trivial, by the programs of Dennis (2021): a random load b, then -b, move nothing.
 
     Parameters
     ----------

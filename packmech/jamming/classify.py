@@ -253,7 +253,7 @@ def classify_jamming(
         The packing, or a scene: with its law the Hessian's stability is answered too, and rest is judged by its forces.
     method
         "certificate": rank of the rigidity matrix, and the state of self stress with the largest smallest force (Roth
-        and Whiteley). "loads": the linear programs of the polymer source, a random load b and then -b; what these move
+        and Whiteley). "loads": the linear programs of Dennis (2021), a random load b and then -b; what these move
         relative to the largest group at rest is taken out, again and again, and an empty backbone is not jammed.
     solver
         "clarabel", "cvxpy" (the same programs as they read on paper) or "highs" (simplex; loads in a box). Where an
@@ -409,7 +409,7 @@ def _stable(scene: Scene, rattling_n: NDArray[np.bool_], *, strain: BoxStrain, g
 
 
 def _emptied(answer: JammingAnswer, rounds: int) -> JammingAnswer:
-    """Return the answer, its reason that taking out what moves, again and again (the source's rule), left nothing."""
+    """Return the answer, its reason that taking out what moves, again and again (as Dennis, 2021), left nothing."""
     if answer.verdict != NOT_JAMMED:
         return answer
     times = "once" if rounds == 1 else f"{rounds} times"

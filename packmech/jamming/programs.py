@@ -60,7 +60,7 @@ def _motion(cone: MotionCone) -> tuple[Any, list[Any]]:
 
 
 def yield_to_load_readable(cone: MotionCone, load: NDArray[np.float64], bound: str, tolerance: float) -> Yielding:
-    """Return what `programs.yield_to_load` returns; equations 40-42 of the polymer source, contacts may not shorten.
+    """Return what `programs.yield_to_load` returns; equations 40-42 of Dennis (2021), contacts may not shorten.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ def yield_to_load(
     solver: str = "clarabel",
     tolerance: float = 1e-8,
 ) -> Yielding:
-    """Return the motion of bounded size that goes farthest against a load, by the source's program; zero if jammed.
+    """Return the motion of bounded size that goes farthest against a load, after Dennis (2021); zero if jammed.
 
     Parameters
     ----------

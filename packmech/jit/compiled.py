@@ -128,8 +128,9 @@ def makes_arrays(laws: Any) -> bool:
     return False
 
 
-def _naming_refusals(compile_for: Callable[..., Any]) -> Callable[..., Any]:
-    """Return numba's entry to compilation, but a user's method that does not compile is named in one line."""
+def _called_from_python(dispatcher: Any) -> Any:
+    """Return numba's compiled form of a function, but a user's method that does not compile is named in one line."""
+    compile_for = dispatcher._compile_for_args
 
     def compile_or_name(*arguments: Any, **named: Any) -> Any:
         try:
@@ -142,7 +143,8 @@ def _naming_refusals(compile_for: Callable[..., Any]) -> Callable[..., Any]:
             raise original
         raise refusal from refusal.__cause__ or original
 
-    return compile_or_name
+    dispatcher._compile_for_args = compile_or_name
+    return dispatcher
 
 
 def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -151,6 +153,19 @@ def _dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     options = {"_nrt": True, "forceinline": False, **options}
     dispatcher = njit(**options)(function)
     dispatcher._cache = KernelCache(function, options)
+    return dispatcher
+
+
+def _lean_dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Return the same without counts of references; with them where a user's law among the arguments makes arrays."""
+    dispatcher = _dispatcher(function, {**options, "_nrt": False})
+    counting, compile_lean = _dispatcher(function, options)._compiler, dispatcher._compiler.compile
+
+    def compile_either(arguments: Any, return_type: Any) -> Any:
+        chosen = counting.compile if any(map(makes_arrays, arguments)) else compile_lean
+        return chosen(arguments, return_type)
+
+    dispatcher._compiler.compile = compile_either
     return dispatcher
 
 
@@ -185,22 +200,23 @@ def kernel(function: Callable[..., Any], *, contract: bool = True) -> Any:
         raise TypeError(f"function must be a Python function, got {function!r}")
     if not isinstance(contract, bool):
         raise TypeError(f"contract must be True or False, got {contract!r}")
-    dispatcher = _dispatcher(function, OPTIONS if contract else {**OPTIONS, "fastmath": False})
-    dispatcher._compile_for_args = _naming_refusals(dispatcher._compile_for_args)
-    return dispatcher
+    return _called_from_python(_dispatcher(function, OPTIONS if contract else {**OPTIONS, "fastmath": False}))
 
 
 class _InnerKernel:
     """What stands for a kernel without an entry from Python; numba reads the type where another kernel names it."""
 
-    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+    def __init__(self, function: Callable[..., Any], dispatcher: Any) -> None:
         functools.update_wrapper(self, function)
-        self._function = function
-        self._dispatcher = _dispatcher(function, {**OPTIONS, "no_cpython_wrapper": True, **options})
-        self._numba_type_ = types.Dispatcher(self._dispatcher)
+        # the type refers to it weakly
+        self._function, self._dispatcher = function, dispatcher
+        self._numba_type_ = types.Dispatcher(dispatcher)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._function(*arguments)
+
+
+_INNER = {**OPTIONS, "no_cpython_wrapper": True}
 
 
 def inner_kernel(function: Callable[..., Any]) -> Any:
@@ -209,41 +225,25 @@ def inner_kernel(function: Callable[..., Any]) -> Any:
     To unpack records of many arrays that come from Python takes up to a second to compile; and helpers that are called
     from here and from other helpers are compiled once, while those that a `kernel` calls are compiled again for it.
     """
-    return _InnerKernel(function)
-
-
-def inner_lean(function: Callable[..., Any]) -> Any:
-    """Return an `inner_kernel` that counts no references to arrays, for kernels that count and for those that do not.
-
-    A helper that both call is compiled once for each of them; this is compiled once for all. It must not make arrays or
-    return one, and call no user's law.
-    """
-    return _InnerKernel(function, _nrt=False)
+    return _InnerKernel(function, _dispatcher(function, _INNER))
 
 
 def lean(function: Callable[..., Any]) -> Any:
     """Return a kernel that counts no references to arrays: every part of a record would be counted in every step.
 
     It must not make arrays and no helper that it calls may return one, not even one that it was given: helpers are
-    compiled once, and a caller that does count would count it wrongly. Where the first argument brings a user's law
-    that makes arrays, the counting kernel takes over. Kernels that count may call it too.
+    compiled once, and a caller that does count would count it wrongly. Where an argument brings a user's law that makes
+    arrays, references are counted. Kernels that count may call it too.
     """
-    counting = kernel(function)
-    without = {**OPTIONS, "_nrt": False}
-    dispatcher = _dispatcher(function, without)
-    refused: set[Any] = set()
+    return _called_from_python(_lean_dispatcher(function, OPTIONS))
 
-    @functools.wraps(function)
-    def call(*arguments: Any) -> Any:
-        if not refused or typeof(arguments[0]) not in refused:
-            try:
-                return dispatcher(*arguments)
-            except NumbaError:
-                refused.add(typeof(arguments[0]))
-        return counting(*arguments)
 
-    overload(call, jit_options=without, strict=False)(lambda *_: function)
-    return call
+def inner_lean(function: Callable[..., Any]) -> Any:
+    """Return a `lean` kernel for other kernels to call, as `inner_kernel` does.
+
+    A helper that kernels that count and kernels that do not call is compiled for each of both; this is compiled once.
+    """
+    return _InnerKernel(function, _lean_dispatcher(function, _INNER))
 
 
 def device(function: F) -> F:

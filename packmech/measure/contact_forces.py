@@ -99,6 +99,15 @@ class ContactForces:
         return find_interactions(self.scene.packing, self.scene.effects)
 
     @functools.cached_property
+    def energy(self) -> float:
+        """The energy of contacts and their tangential springs, interactions, what acts on single particles [energy]."""
+        effects, pairs = self.scene.effects, self.contacts
+        springs = tangential_forces(self.scene, pairs, self.normal_c).energy_c
+        whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
+        whole += float(np.add.reduce(self.interactions.energy_c))
+        return whole + float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
+
+    @functools.cached_property
     def force_nd(self) -> NDArray[np.float64]:
         """The (N, d) net forces, weights and pushes of walls included, none on what is held [force].
 
@@ -179,14 +188,17 @@ class ContactForces:
 
         Without friction discs and spheres feel no torque, and those on others count over their radii of gyration.
         """
-        packing, force = self.scene.packing, self.force_nd
-        links, tension = self._links
-        pull = links.pairs.normal_cd * tension[:, None]
-        force = self._free(force + sum_both(links.pairs, pull, -pull))
-        turning = np.einsum("nkt,nt->nk", packing.turn_nkt, self.torque_nk[:, : packing.turn_nkt.shape[2]])
+        packing, force, turn = self.scene.packing, self.force_nd, self.scene.packing.turn_nkt
+        if packing.links:
+            links, tension = self._links
+            pull = links.pairs.normal_cd * tension[:, None]
+            force = self._free(force + sum_both(links.pairs, pull, -pull))
+        parts = [force]
         if friction_of(self.scene.effects) is not None:
-            turning = self.torque_nk / packing.radius_n[:, None]
-        return float(np.sqrt(max((one**2).sum(axis=1).max() for one in (force, turning))))
+            parts.append(self.torque_nk / packing.radius_n[:, None])
+        elif turn.size:
+            parts.append(np.einsum("nkt,nt->nk", turn, self.torque_nk[:, : turn.shape[2]]))
+        return float(np.sqrt(max((one**2).sum(axis=1).max() for one in parts)))
 
     @property
     def contact_stress_dd(self) -> NDArray[np.float64]:
@@ -197,8 +209,11 @@ class ContactForces:
     @property
     def link_stress_dd(self) -> NDArray[np.float64]:
         """The (d, d) stress that rigid links bear [energy/length^d]."""
+        d, box = self.contacts.dimension, self.scene.packing.box
+        if not self.scene.packing.links:
+            return np.zeros((d, d))
         links, tension = self._links
-        return contact_stress(links.pairs, tension, self.scene.packing.box.volume)
+        return contact_stress(links.pairs, tension, box.volume)
 
     @property
     def stress_dd(self) -> NDArray[np.float64]:

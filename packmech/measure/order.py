@@ -63,7 +63,7 @@ class NematicOrder:
 def nematic_order(packing: Packing) -> NematicOrder:
     """Return the nematic order of the directors of ellipses, spheroids, or bodies of beads.
 
-    In a plane it is <2 cos^2 - 1>, which is 1 for parallel directors (the chapter on jammed systems prints 2 cos^2 -
+    In a plane it is <2 cos^2 - 1>, which is 1 for parallel directors (Schreck and O'Hern, 2010, print 2 cos^2 -
     1/2), in space <3/2 cos^2 - 1/2>, about the direction that makes it largest; directors have no head. Of spheroids
     the director is their axis, across which oblate ones are wide; of bodies of beads it is the axis of their greatest
     extent. Particles that are round count nowhere.
@@ -307,7 +307,7 @@ def bond_orientational_order(
 ) -> BondOrder:
     """Return the bond orientational order: psi_k in a plane, Q_l and W_l in space, of each particle and of all.
 
-    Equations 2.30 to 2.33 of the chapter on jammed systems. Bonds go from center to center. In a plane order 6 is 1 in
+    Equations 2.30 to 2.33 of Schreck and O'Hern (2010). Bonds go from center to center. In a plane order 6 is 1 in
     the triangular crystal; in space Q_6 is .5745 in fcc, .4848 in hcp, and 1 nowhere. Means over particles are those
     over the particles that have neighbors; how many have none is `without_neighbors`.
 

@@ -1,13 +1,12 @@
 """Which particles rattle: what contacts, walls, links and friction leave free, and what is left without them.
 
 Single particles, and clusters of linked ones that move as a whole, are bodies of `packmech.contacts.rattlers`. Whether
-the particles of a cluster can move against each other, or turn, no count of contacts says: links are rows that push
-and pull. What moves is then found by two questions on the rows of contacts and links, which rows push in some balance,
-and which particles a generic motion moves that changes none of these and no link. They are asked of one cluster after
-the other, its surroundings at rest (`find_rattlers`), or of the whole packing (`find_rattling_clusters`, section 12 of
-the corrected specification): contacts that some state of self stress pushes make up the backbone; motions that change
-no backbone contact and no link, translations included, leave the particles of the backbone at rest relative to each
-other; all others rattle.
+the particles of a cluster can move against each other, or turn, no count of contacts says: links are rows that push and
+pull. What moves is then found by two questions on the rows of contacts and links, which rows push in some balance, and
+which particles a generic motion moves that changes none of these and no link. They are asked of one cluster after the
+other, its surroundings at rest (`find_rattlers`), or of the whole packing (`find_rattling_clusters`): contacts that
+some state of self stress pushes make up the backbone; motions that change no backbone contact and no link, translations
+included, leave the particles of the backbone at rest relative to each other; all others rattle.
 """
 
 from __future__ import annotations

@@ -174,7 +174,7 @@ def demodulate(
     """Return G' and G'' of a stress under the strain amplitude * sin(phase), by harmonic least squares.
 
     Sine, cosine, their third harmonics, an offset and a slope are fitted together, so that a drift of the stress takes
-    nothing from the moduli (section 13 of the corrected specification).
+    nothing from the moduli.
 
     Parameters
     ----------

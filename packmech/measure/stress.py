@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, one_of
 from packmech.contacts import Contacts
-from packmech.effects import contact_terms
 from packmech.honors import STRAINED, honors
-from packmech.measure.contact_forces import resting_forces, single_push
-from packmech.measure.friction import tangential_forces
+from packmech.measure.contact_forces import resting_forces
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")
@@ -43,7 +41,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 def energy(scene: Scene) -> float:
     """Return the energy of all touching pairs [energy], each pair counted once, and of what acts on single particles.
 
-    Equation 19 of the polymer source, with 1/w instead of its double sum. Bonds add that of their normal springs;
+    Equation 19 of Dennis (2021), with 1/w instead of its double sum. Bonds add that of their normal springs;
     their tangential springs are slack at the start of a scene. Friction adds that of the tangential springs
     as they are stretched; gravity and walls theirs, with particles at their places in the cell. Ellipses and spheroids
     have the law's energy at s (r_i + r_j), s the scale at which a pair touches, and rigid bodies that of
@@ -63,12 +61,7 @@ def energy(scene: Scene) -> float:
 
     """
     instance("scene", scene, Scene)
-    found = resting_forces(scene)
-    pairs, terms = found.contacts, single_push(scene).terms
-    springs = tangential_forces(scene, pairs, found.normal_c).energy_c
-    whole = float(np.add.reduce(contact_terms(scene.effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
-    whole += float(np.add.reduce(found.interactions.energy_c))
-    return whole + float(np.add.reduce(springs)) + float(np.add.reduce(terms.energy_n))
+    return resting_forces(scene).energy
 
 
 @honors(
@@ -77,7 +70,7 @@ def energy(scene: Scene) -> float:
     link_tolerance=STRAINED,
 )
 def forces(scene: Scene) -> NDArray[np.float64]:
-    """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of the polymer source.
+    """Return the (N, d) net forces of the contacts on the particles [force]; equation 21 of Dennis (2021).
 
     What rigid links add to them is not counted (`link_tension` gives it). With friction those of the tangential springs
     are (`contact_forces` has them one by one), with gravity and walls theirs; particles that are held have none.
@@ -108,7 +101,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     """Return the (d, d) Cauchy stress [energy/length^d], tension positive, row = force component.
 
     sigma_ab = (1/V) (sum over contacts of u' r n_a n_b + sum over links of t r n_a n_b) with the link tensions t: the
-    strain derivative of the relaxed energy over the volume (section 8 of the corrected specification). With friction
+    strain derivative of the relaxed energy over the volume. With friction
     contacts add their tangential force times the vector from center to center. Pushes of walls and other forces on
     single particles have no part in it: it is the stress that contacts between particles carry.
 
@@ -122,7 +115,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
     scene
         The scene; with rigid links it should be at rest (see `link_tension`).
     parts
-        "total"; "contacts" alone, which is how the polymer source prints it and not what a wall would feel where there
+        "total"; "contacts" alone, which is how Dennis (2021) prints it and not what a wall would feel where there
         are links; or "links" alone.
 
     Raises

@@ -214,10 +214,10 @@ class PairDistribution:
 def pair_distribution(packing: Packing, r_max: float | None = None, bins: int = 60) -> PairDistribution:
     """Return the pair distribution function of the centers, and the partial ones of a mixture.
 
-    g(r) = V / N^2 times the ordered pairs in a bin over the area or volume of its shell (equation 2.28 of the chapter
-    on jammed systems), so that it goes to 1 - 1/N at random. Pairs count at all images: beyond half the width of the
-    box a pair in several, and a particle with its own, which makes g go to 1. It is that of the infinite periodic
-    packing at every distance; what it repeats of the box begins to show there.
+    g(r) = V / N^2 times the ordered pairs in a bin over the area or volume of its shell (equation 2.28 of Schreck and
+    O'Hern, 2010), so that it goes to 1 - 1/N at random. Pairs count at all images: beyond half the width of the box a
+    pair in several, and a particle with its own, which makes g go to 1. It is that of the infinite periodic packing at
+    every distance; what it repeats of the box begins to show there.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ class Correlation:
 
     @property
     def connected_b(self) -> NDArray[np.float64]:
-        """The (B,) |values less mean_square| [value^2]: C(r) of the chapter on jammed systems."""
+        """The (B,) |values less mean_square| [value^2]: C(r) of Schreck and O'Hern (2010)."""
         return np.abs(self.value_b - self.mean_square)
 
     def length(self, *, r_min: float = 0.0, separation: float = 0.0) -> CorrelationLength:

@@ -16,6 +16,7 @@ A strain moves centers and turns nothing. The assembly knows no kind of contact 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -132,35 +133,100 @@ def _scatter(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _compressed(start, column, order, blocks, number_nq, extra_f):  # type: ignore[no-untyped-def]
-    """Return the compressed rows of the numbered coordinates of a matrix of blocks, its columns in order."""
-    count, q = number_nq.shape
-    size = 0
+def _number_pairs(i_c, j_c, particles):  # type: ignore[no-untyped-def]
+    """Return the pairs of different particles, each once, sorted by (i, j), and the number of each element's pair."""
+    count = i_c.shape[0]
+    start = np.zeros(particles + 1, np.int64)
+    for c in range(count):
+        if i_c[c] != j_c[c]:
+            start[i_c[c] + 1] += 1
+    for n in range(particles):
+        start[n + 1] += start[n]
+    # the elements of each particle i by j: of one kind they come in that order already
+    sorted_e, end = np.empty(start[particles], np.int64), start[:-1].copy()
+    for c in range(count):
+        i = i_c[c]
+        if i != j_c[c]:
+            k = end[i]
+            while k > start[i] and j_c[sorted_e[k - 1]] > j_c[c]:
+                sorted_e[k] = sorted_e[k - 1]
+                k -= 1
+            sorted_e[k] = c
+            end[i] += 1
+    pair_i, pair_j = np.empty_like(sorted_e), np.empty_like(sorted_e)
+    pair_c = np.full(count, -1)
+    found = 0
+    for i in range(particles):
+        for k in range(start[i], start[i + 1]):
+            c = sorted_e[k]
+            if k == start[i] or j_c[c] != pair_j[found - 1]:
+                pair_i[found], pair_j[found] = i, j_c[c]
+                found += 1
+            pair_c[c] = found - 1
+    return pair_i[:found], pair_j[:found], pair_c
+
+
+@kernel
+def _compressed(pair_i, pair_j, upper, lower, diagonal, free_f, extra_f):  # type: ignore[no-untyped-def]
+    """Return the compressed rows of the free coordinates of a matrix of blocks, its columns in order.
+
+    `lower` only where these are no transposes.
+    """
+    pairs, (count, q) = pair_i.shape[0], diagonal.shape[:2]
+    number_nq, free_n = np.full((count, q), -1), np.zeros(count, np.int64)
+    rows = 0
     for n in range(count):
-        rows = 0
         for a in range(q):
-            rows += number_nq[n, a] >= 0
-        for k in range(start[n], start[n + 1]):
-            for b in range(q):
-                size += rows * (number_nq[column[k], b] >= 0)
-    data, index = np.empty(size), np.empty(size, np.int32)
-    first = [0]
-    place = 0
+            if free_f[n * q + a]:
+                number_nq[n, a] = rows
+                rows += 1
+                free_n[n] += 1
+    # the blocks of each row: pairs are sorted, so that particles below come first, in order, then itself, then others
+    start = np.zeros(count + 1, np.int64)
+    size = 0
+    for p in range(pairs):
+        start[pair_i[p] + 1] += 1
+        start[pair_j[p] + 1] += 1
+        size += 2 * free_n[pair_i[p]] * free_n[pair_j[p]]
+    for n in range(count):
+        start[n + 1] += start[n] + 1
+        size += free_n[n] ** 2
+    column_b, block_b, end = np.empty(start[count], np.int64), np.empty(start[count], np.int64), start[:-1].copy()
+    for p in range(pairs):
+        j = pair_j[p]
+        column_b[end[j]], block_b[end[j]] = pair_i[p], p
+        end[j] += 1
+    for n in range(count):
+        column_b[end[n]], block_b[end[n]] = n, n
+        end[n] += 1
+    for p in range(pairs):
+        i = pair_i[p]
+        column_b[end[i]], block_b[end[i]] = pair_j[p], p
+        end[i] += 1
+    data, index, first = np.empty(size), np.empty(size, np.int32), np.zeros(rows + 1, np.int32)
+    place = row = 0
     for n in range(count):
         for a in range(q):
             if number_nq[n, a] < 0:
                 continue
             for k in range(start[n], start[n + 1]):
-                other = column[k]
+                other, block = column_b[k], block_b[k]
                 for b in range(q):
-                    if number_nq[other, b] >= 0:
-                        data[place] = blocks[order[k], a, b]
-                        if other == n and a == b:
+                    if number_nq[other, b] < 0:
+                        continue
+                    if other > n:
+                        data[place] = upper[block, a, b]
+                    elif other < n:
+                        data[place] = lower[block, a, b] if lower.shape[0] else upper[block, b, a]
+                    else:
+                        data[place] = diagonal[n, a, b]
+                        if a == b:
                             data[place] += extra_f[n * q + a]
-                        index[place] = number_nq[other, b]
-                        place += 1
-            first.append(place)
-    return data, index, np.array(first, dtype=np.int32)
+                    index[place] = number_nq[other, b]
+                    place += 1
+            row += 1
+            first[row] = place
+    return data, index, first
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,8 +246,8 @@ class Assembled:
         both are the same.
     corner_ee
         (s, s) derivatives of stress times volume by strains [energy].
-    slope_nq
-        (N, q) slopes of the energy: minus net forces, and torques over the radii of gyration [force].
+    elements, turn_nkt
+        As in `assemble`.
 
     """
 
@@ -193,7 +259,16 @@ class Assembled:
     column_nqe: NDArray[np.float64]
     row_nqe: NDArray[np.float64] | None
     corner_ee: NDArray[np.float64]
-    slope_nq: NDArray[np.float64]
+    elements: Sequence[Elements]
+    turn_nkt: NDArray[np.float64]
+
+    @functools.cached_property
+    def slope_nq(self) -> NDArray[np.float64]:
+        """The (N, q) slopes of the energy: minus net forces, and torques over the radii of gyration [force]."""
+        total, d = np.zeros(self.diagonal_nqq.shape[:2]), self.diagonal_nqq.shape[1] - self.turn_nkt.shape[1]
+        for one in self.elements:
+            total += sum_slopes(one.i_c, one.j_c, one.pull_cx, self.turn_nkt, d)
+        return total
 
     @property
     def symmetric(self) -> bool:
@@ -202,18 +277,12 @@ class Assembled:
 
     def matrix(self, free_f: NDArray[np.bool_], extra_f: NDArray[np.float64] | None = None) -> sp.csr_array:
         """Return the derivatives by the free ones of the (N q,) coordinates, with something added on the diagonal."""
-        count, q = self.diagonal_nqq.shape[:2]
-        row = np.concatenate([self.pair_i, self.pair_j, np.arange(count)])
-        column = np.concatenate([self.pair_j, self.pair_i, np.arange(count)])
-        lower = self.upper_pqq.transpose(0, 2, 1) if self.lower_pqq is None else self.lower_pqq
-        blocks = np.concatenate([self.upper_pqq, lower, self.diagonal_nqq])
-        order = np.argsort(row * max(count, 1) + column, kind="stable")
-        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=count))])
-        extra = np.zeros(count * q) if extra_f is None else extra_f
-        number = np.where(free_f, np.cumsum(free_f) - 1, -1)
-        data, index, first = _compressed(start, column[order], order, blocks, number.reshape(count, q), extra)
         size = int(np.count_nonzero(free_f))
-        found = sp.csr_array((data, index, first), shape=(size, size))
+        lower = np.zeros_like(self.upper_pqq[:0]) if self.lower_pqq is None else self.lower_pqq
+        extra = np.zeros(len(free_f)) if extra_f is None else extra_f
+        blocks = self.upper_pqq, lower, self.diagonal_nqq
+        rows = _compressed(self.pair_i, self.pair_j, *blocks, np.array(free_f), extra)
+        found = sp.csr_array(rows, shape=(size, size))
         found.has_canonical_format = True
         return found
 
@@ -235,7 +304,7 @@ def assemble(
     single_nqq: NDArray[np.float64] | None = None,
     basis_edd: NDArray[np.float64] | None = None,
 ) -> Assembled:
-    """Return slopes and second derivatives of a sum of elements.
+    """Return the second derivatives of a sum of elements, and its slopes.
 
     Parameters
     ----------
@@ -252,11 +321,15 @@ def assemble(
 
     """
     # arrays that may not be written to would be compiled for once more
-    basis = np.require(mandel_basis(dimension) if basis_edd is None else basis_edd, requirements=["C", "W"])
+    basis = np.array(mandel_basis(dimension) if basis_edd is None else basis_edd, order="C")
     particles, turns = turn_nkt.shape[:2]
     q, s = dimension + turns, len(basis)
-    pair_i, pair_j, numbers = _pairs(elements, particles)
     symmetric = all(one.symmetric for one in elements)
+    elements = [one for one in elements if len(one.i_c)]
+    i_c, j_c = (
+        np.concatenate([np.zeros(0, np.int64), *(getattr(one, name) for one in elements)]) for name in ("i_c", "j_c")
+    )
+    pair_i, pair_j, pair_c = _number_pairs(i_c, j_c, particles)
     upper = np.zeros((len(pair_i), q, q))
     lower = np.zeros((0 if symmetric else len(pair_i), q, q))
     diagonal = np.zeros((particles, q, q))
@@ -264,31 +337,20 @@ def assemble(
         diagonal += single_nqq
     column, corner = np.zeros((particles, q, s)), np.zeros((s, s))
     row = np.zeros((0 if symmetric else particles, q, s))
-    slope = np.zeros((particles, q))
-    for one, pair_c in zip(elements, numbers, strict=True):
-        local = one.stiffness_cxx
+    end = 0
+    for one in elements:
+        part = slice(end, end := end + len(one.i_c))
+        local, ends = one.stiffness_cxx, (i_c[part], j_c[part])
         if turns or one.rotations:
-            local = _turned(one.i_c, one.j_c, _with_rotations(local, dimension, turn_nkt.shape[2]), turn_nkt, dimension)
-        _scatter(
-            *(np.require(particle, requirements="W") for particle in (one.i_c, one.j_c)),
-            pair_c,
-            one.vector_cd,
-            local,
-            symmetric,
-            basis,
-            upper,
-            lower,
-            diagonal,
-            column,
-            row,
-            corner,
-        )
-        slope += sum_slopes(one.i_c, one.j_c, one.pull_cx, turn_nkt, dimension)
+            local = _turned(*ends, _with_rotations(local, dimension, turn_nkt.shape[2]), turn_nkt, dimension)
+        blocks = upper, lower, diagonal, column, row, corner
+        _scatter(*ends, pair_c[part], one.vector_cd, local, symmetric, basis, *blocks)
     if symmetric:
         # but for rounding it is
-        corner = np.triu(corner) + np.triu(corner, 1).T
+        corner = 0.5 * (corner + corner.T)
     return Assembled(
-        pair_i, pair_j, upper, None if symmetric else lower, diagonal, column, None if symmetric else row, corner, slope
+        pair_i, pair_j, upper, None if symmetric else lower, diagonal, column, None if symmetric else row, corner,
+        elements, turn_nkt,
     )  # fmt: skip
 
 
@@ -300,14 +362,3 @@ def _with_rotations(stiffness_cxx: NDArray[np.float64], d: int, rotations: int) 
     whole = np.zeros((len(stiffness_cxx), x, x))
     whole[:, :d, :d] = stiffness_cxx
     return whole
-
-
-def _pairs(
-    elements: Sequence[Elements], particles: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], list[NDArray[np.int64]]]:
-    """Return the pairs of different particles of all elements, each once, and the number of each element's pair."""
-    keys = [one.i_c * particles + one.j_c for one in elements]
-    apart = [one.i_c != one.j_c for one in elements]
-    whole = np.concatenate([key[other] for key, other in zip(keys, apart, strict=True)] or [np.zeros(0, np.int64)])
-    distinct = np.unique(whole)
-    return distinct // max(particles, 1), distinct % max(particles, 1), [np.searchsorted(distinct, key) for key in keys]

@@ -415,7 +415,7 @@ def cauchy_tangent(energy_ee: NDArray[np.float64], stress_dd: NDArray[np.float64
 
     C_energy : eps + (eps sigma + sigma eps)/2 - sigma tr eps.
 
-    Section 14 of the corrected specification; under sigma = -P it makes K + P(d-1)/d and G - P/2.
+    Under sigma = -P it makes K + P(d-1)/d and G - P/2.
     """
     basis = mandel_basis(len(stress_dd))
     trace = np.trace(basis, axis1=1, axis2=2)[:, None, None]
@@ -465,7 +465,7 @@ def elastic_moduli(
     """Return the elastic moduli of a packing at rest, its particles free to relax.
 
     The relaxed stiffness is the Schur complement H_ee - H_ex H_xx^-1 H_xe of the extended Hessian, with d coordinates
-    of one particle pinned (equations 44-49 of the polymer source with their errata: over the volume, and Cauchy
+    of one particle pinned (equations 44-49 of Dennis, 2021, with their errata: over the volume, and Cauchy
     terms). Its null space is the soft strains, whose modulus is 0 and not, as a pseudo-inverse of the compliance
     would have it, infinite: a square lattice has G = 0. Rigid links keep their lengths while the particles relax, their
     forces unknowns of the same sparse system; strains that links forbid are `Moduli.stiff_directions`.
@@ -689,8 +689,8 @@ def compliance_matrix(
 ) -> NDArray[np.float64]:
     """Return the (s, s) compliance [length^d/energy] in Mandel components: the inverse of `Moduli.energy`.
 
-    Strains per imposed stress, box free, particles relaxed (shapes turn, too), links kept (equation 49 of the polymer
-    source with its errata: both sides selected, times V). Strains that links forbid have compliance 0; entries that a
+    Strains per imposed stress, box free, particles relaxed (shapes turn, too), links kept (equation 49 of Dennis,
+    2021, with its errata: both sides selected, times V). Strains that links forbid have compliance 0; entries that a
     soft direction makes infinite are inf.
 
     Parameters
@@ -701,9 +701,9 @@ def compliance_matrix(
         As in `elastic_moduli`.
     method
         "sparse": from the relaxed stiffness. "pseudoinverse": V times the strain block of B^T (B H B^T)^+ B with a
-        dense B (`change_of_basis`; of shapes all motions), as the source has it, for small packings and comparison. A
-        pseudoinverse alone gives 0 for infinitely soft strains too: its zero modes are searched for strains, which get
-        inf.
+        dense B (`change_of_basis`; of shapes all motions), as Dennis (2021) has it, for small packings and comparison.
+        A pseudoinverse alone gives 0 for infinitely soft strains too: its zero modes are searched for strains, which
+        get inf.
     memory_limit
         Largest memory of the pseudoinverse [bytes].
 

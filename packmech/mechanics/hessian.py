@@ -76,7 +76,7 @@ def hessian(
 
     Rows are positions, particle-major, then Mandel strains (xx, yy, sqrt2 xy; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2
     xy); a strain acts as v -> (1 + strain) v on all vectors, so that the strain part is in [energy], the mixed part
-    in [energy/length]. Equations 24-26 of the polymer source with their errata.
+    in [energy/length]. Equations 24-26 of Dennis (2021) with their errata.
 
     With rigid links the matrix is that of the Lagrangian, not projected: contacts plus sum of tension * second
     derivatives of the lengths. It means something on motions that the links admit, y = B q with B from
@@ -99,8 +99,9 @@ def hessian(
         project the matrix on the isochoric ones.
     kind
         "exact": the full second derivatives, contact and link forces (prestress) included. "unstressed": R^T diag(u'')
-        R, as if nothing carried a force. "paper": the second derivatives of the contact energies alone, as the source
-        projects them: without the curvature of links and of a fixed volume, wrong by terms of the order of the stress.
+        R, as if nothing carried a force. "paper": the second derivatives of the contact energies alone, as Dennis
+        (2021) projects them: without the curvature of links and of a fixed volume, wrong by terms of the order of the
+        stress.
     volume_curvature
         Of a fixed volume: "det" keeps the determinant, and adds P V (tr E tr F - tr E F); "trace" keeps the trace of
         the strain coordinate, which has no curvature.
@@ -247,7 +248,7 @@ def perturbation_energy(
     volume_curvature: str = "det",
     gap_tolerance: float | None = None,
 ) -> float:
-    """Return the second-order energy of a perturbation, (1/2) y.H.y [energy]; equation 34 of the polymer source.
+    """Return the second-order energy of a perturbation, (1/2) y.H.y [energy]; equation 34 of Dennis (2021).
 
     At rest this is the change of energy up to third order. Elsewhere add the first-order part,
     -sum(forces * displacement) + V sum(stress * strain). With rigid links the perturbation must keep their lengths to

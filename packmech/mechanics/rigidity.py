@@ -40,7 +40,7 @@ def rigidity_matrix(
     """Return the rigidity matrix: (C, N d + s) derivatives of contact distances, or (C, N d) without strain columns.
 
     Row c holds d rho_c / dx_k = n (delta_jk - delta_ik) and, for every Mandel strain E, rho n.E.n with the actual
-    distance rho (equations 35 and 36 of the polymer source, whose sigma in 36 holds at zero overlap only). Its
+    distance rho (equations 35 and 36 of Dennis, 2021, whose sigma in 36 holds at zero overlap only). Its
     transpose turns contact forces into net forces and V times the stress. Columns are particle-major positions, then
     the strains xx, yy, sqrt2 xy in two dimensions; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy in three. Rigid
     links have no rows here; `constrained_rigidity_matrix` keeps to the motions that they admit. Of shapes the distances
@@ -98,7 +98,7 @@ def change_of_basis(
 
     N_dof = N d + s - rank of the links (one less for isochoric strains; N d - rank in a fixed box), uniform
     translations included. The columns of B are a basis of the null space of the links' gradients (equations 28-32 of
-    the polymer source with their errata): Gamma^T B = 0, and the reduced forms are B^T H B and R B. They are
+    Dennis, 2021, with their errata): Gamma^T B = 0, and the reduced forms are B^T H B and R B. They are
     orthonormal in the coordinates of `constraint_jacobian`, `rigidity_matrix` and `hessian`, where strains are
     multiplied by `strain_scale`. Strains that the links forbid altogether are in no column.
 
@@ -155,7 +155,7 @@ def constrained_rigidity_matrix(
 ) -> NDArray[np.float64]:
     """Return R_E = R B, the (C, N_dof) changes of contact distances under the motions of `change_of_basis`.
 
-    Equation 39 of the polymer source. R_E^T R_E is its dynamical matrix (with springs of stiffness 1), R_E R_E^T its
+    Equation 39 of Dennis (2021). R_E^T R_E is its dynamical matrix (with springs of stiffness 1), R_E R_E^T its
     N-matrix (`n_matrix`); the null space of R_E^T are the states of self stress, links bearing what they must.
 
     Parameters

@@ -66,6 +66,11 @@ class Stability:
     _operator: Operator | None = None
     _free_nq: NDArray[np.bool_] | None = None
 
+    @property
+    def unstable(self) -> int:
+        """Number of unstable directions, 1 where it is not known: what was not judged does not pass for a minimum."""
+        return 1 if self.negative is None else self.negative
+
     def to_dict(self) -> dict[str, Any]:
         """Return what a run reports of it: "negative_modes", and as "not_judged" why that is not known."""
         found: dict[str, Any] = {"negative_modes": self.negative}

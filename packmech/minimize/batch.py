@@ -312,8 +312,8 @@ class QuenchBatch:
     def outcome(self, index: int) -> Outcome:
         """Return how the last relaxation of a packing ended; STEP_LIMIT while it goes on.
 
-        Outcome.UNSTABLE where forces balance on a saddle, which `relaxed_b` does not show: the second derivative of the
-        whole packing is factored where this is called.
+        Outcome.UNSTABLE where forces balance on a saddle, or where it is not known whether they do; `relaxed_b` does
+        not show it: the second derivative of the whole packing is factored where this is called.
 
         Parameters
         ----------
@@ -327,7 +327,7 @@ class QuenchBatch:
             return outcome
         if self._negative_b[b] is None:
             largest = float(self._figure_bk[b, kernels.MAX_FORCE])
-            self._negative_b[b] = stability(self.scene.replace(packing=self.packing(b)), largest).negative or 0
+            self._negative_b[b] = stability(self.scene.replace(packing=self.packing(b)), largest).unstable
         return Outcome.UNSTABLE if self._negative_b[b] else outcome
 
     @property

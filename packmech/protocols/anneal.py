@@ -66,7 +66,7 @@ def anneal_shape(
 
     At every step all particles take the next aspect at the area or volume that they have, relax where they stand by
     FIRE, are compressed in small steps (0.3 % of the packing fraction) until they press, and are followed down to the
-    pressure: the shape annealing of the chapter on jammed systems. Directors are drawn at random, uniform over all
+    pressure: the shape annealing of Schreck and O'Hern (2010). Directors are drawn at random, uniform over all
     directions, when discs or spheres get them; from then on they are those that the step before ended with. The smaller
     the steps, the more of them: `numpy.arange(1.05, 1.501, 0.05)` gives those of .05 up to 1.5.
 

@@ -580,8 +580,8 @@ def cement(
     """Return the moduli of a packing while random contacts become rigid links, up to complete rigidity.
 
     Positions stay as they are: contacts keep the lengths that they have. The compliance is that of particles and box
-    free to relax; each new link takes a positive matrix away from it (section 14 of the corrected specification, in
-    the metric of the Hessian), so that no modulus or bound ever falls.
+    free to relax; each new link takes a positive matrix away from it (in the metric of
+    the Hessian), so that no modulus or bound ever falls.
 
     Parameters
     ----------
@@ -600,7 +600,7 @@ def cement(
         Moduli are measured every `step` in n_l/N [1], n_l cemented contacts and N all particles.
     freeze
         "angles": two particles cemented to the same third keep their distance, so that bond angles are fixed while
-        parts of a cluster may still turn about a bond in three dimensions (as the polymer source has it). "clusters":
+        parts of a cluster may still turn about a bond in three dimensions (as Dennis, 2021, has it). "clusters":
         also these turns; all that is cemented together moves as one body. "nothing": contacts keep their lengths.
     kind
         "unstressed": the limit of small pressures. "exact": with the forces that contacts and links carry; the

@@ -118,21 +118,22 @@ def jam(
     Returns
     -------
     Run
-        `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction
-        (of the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
+        `stages` tells what each part achieved and cost. `report` holds: packing_fraction, jamming_packing_fraction (of
+        the hard packing), pressure, pressure_asked (None for StepHalving) [energy_scale / diameter^d], particles,
         rattlers, contacts, isostatic_contacts, excess_contacts, states_of_self_stress, patches (arrays of particles
-        held redundantly), stress_anisotropy, rounding_floor (the residual that rounding of positions alone can cause),
-        backbone_pressure (the part of the pressure between particles that do not rattle; below .99 the outcome is
-        NOT_JAMMED; with links 0 or 1, whether there are such contacts), method, strain, start ("continued",
-        "rearranged" or "fresh"), and, where a hard packing was found, hard_packing, hard_contacts,
-        hard_excess_contacts,
-        gap_error, force_imbalance, smallest_force. With links in two dimensions also crossing_links: pairs that cross
-        are locked, press at any pressure and add states of self stress. Of a packing that is followed: rearrangements
-        on the way (none where `start` is "continued"), contacts_closed and contacts_opened, and onset_rearrangements,
-        on the way down to the hard packing; Press and StepHalving cannot count rearrangements and say "rearranged"
-        wherever contacts changed. Links that do not cross at the start are kept from it, as in `quench`. Press reports
-        counts with friction instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)], added_damping of
-        contacts whose own dashpots are too weak (0: none) [mass/time] and kinetic_energy, over pressure times volume.
+        held redundantly), stress (the whole tensor, Cauchy's with tension positive, of contacts found anew in the
+        packing that is returned) [energy_scale / diameter^d], stress_anisotropy, rounding_floor (the residual that
+        rounding of positions alone can cause), backbone_pressure (the part of the pressure between particles that do
+        not rattle; below .99 the outcome is NOT_JAMMED; with links 0 or 1, whether there are such contacts), method,
+        strain, start ("continued", "rearranged" or "fresh"), and, where a hard packing was found, hard_packing,
+        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. With links in two dimensions
+        also crossing_links: pairs that cross are locked, press at any pressure and add states of self stress. Of a
+        packing that is followed: rearrangements on the way (none where `start` is "continued"), contacts_closed and
+        contacts_opened, and onset_rearrangements, on the way down to the hard packing; Press and StepHalving cannot
+        count rearrangements and say "rearranged" wherever contacts changed. Links that do not cross at the start are
+        kept from it, as in `quench`. Press reports counts with friction instead, as `ContactForces.to_dict` does, and
+        rate, time [sqrt(m / k)], added_damping of contacts whose own dashpots are too weak (0: none) [mass/time] and
+        kinetic_energy, over pressure times volume.
 
     Raises
     ------

@@ -319,7 +319,7 @@ def contact_count(contacts: Contacts | ShapeContacts, rattling_n: NDArray[np.boo
 
 
 def linked_count(packing: Packing, contacts: Any, strain: BoxStrain) -> dict[str, Any]:
-    """Return rattling particles, contacts of the backbone, and the counts of section 12 of the specification.
+    """Return rattling particles, contacts of the backbone, and their counts.
 
     The isostatic number is that of one state of self stress, N_dof - d + 1, where N_dof leaves out clusters that rattle
     as a whole; free turns and ends of clusters that are held, `floppy_modes`, take as many contacts off. Where no
@@ -431,6 +431,7 @@ def report_of(
         "pressure": pressure / found.scene.pressure_unit,
         "pressure_asked": asked,
         **counts,
+        "stress": found.stress_dd / found.scene.pressure_unit,
         "stress_anisotropy": float(np.abs(rest).max() / abs(pressure)) if pressure else 0.0,
         **protocol.report,
     }

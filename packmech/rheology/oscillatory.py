@@ -210,7 +210,7 @@ class OscillatoryShear(StrainRun):
 def characteristic_time(scene: Scene) -> float:
     """Return tau = sqrt(mean mass / k) [time], k the normal stiffness of a contact (or a bond) that just closes.
 
-    The time scale of section 1 of the corrected specification: the mean mass is that of one size with the same packing
+    The time scale of particleShear (Braschler, 2021): the mean mass is that of one size with the same packing
     fraction.
 
     Raises

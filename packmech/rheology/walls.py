@@ -40,7 +40,7 @@ def rough_plates(packing: Packing, *, layer: str | float = "crossing", axis: int
 
     The ends are the faces of the cell across `axis`. Held particles follow the box, so that the plates slide past each
     other as it is sheared; nothing pushes or turns them. Who is free stays free (particleShear goes on catching
-    particles for ever, section 7 of the corrected specification).
+    particles for ever).
 
     Parameters
     ----------

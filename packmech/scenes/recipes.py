@@ -203,9 +203,21 @@ def _prepared(
 
 
 @packing_kind
-def _file(path: str, folder: Path, density: float | None = None, frame: int | None = None) -> Packing:
-    """Return the packing in a file; its path is relative to the scene file. `frame` is one of a .gsd trajectory."""
-    packing = read_packing(folder / path, frame=frame)
+def _file(
+    path: str,
+    folder: Path,
+    density: float | None = None,
+    frame: int | None = None,
+    format: str | None = None,
+    lattice_vectors: Vectors | None = None,
+    radius: float | None = None,
+) -> Packing:
+    """Return the packing in a file; its path is relative to the scene file. `frame` is one of a trajectory.
+
+    `format`, the lattice vectors of a box, one in a line, and a `radius` say what a file of another program does not.
+    """
+    box = None if lattice_vectors is None else Box(_columns(lattice_vectors))
+    packing = read_packing(folder / path, frame=frame, format=format, box=box, radius=radius)
     if density is None:
         return packing
     if packing.given_mass_n is not None:

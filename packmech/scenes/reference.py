@@ -168,8 +168,10 @@ def _comment(text: str) -> list[str]:
 def scene_reference() -> str:
     """Return every table, kind and field of a scene file as Markdown."""
     parts = [
-        "# Scene files: every table, kind and field",
-        "This page is made from the records that a file is read into (`packmech.scenes.reference.scene_reference`).",
+        "# Scene files",
+        "Every table, kind and field that may stand in a scene file, with defaults and units.",
+        "This page is made from the records that a file is read into (`packmech.scenes.reference.scene_reference`). "
+        "`packmech new my.toml` writes a file with comments to begin with, `packmech scenes` lists those that ship.",
         "A table names its `kind`; a field whose default is `unset` may be left out. A record in a table is a table, "
         'or just the name of its kind: `law = "hertz"`. Values are changed from the command line with '
         "`--set packing.particles=500 --set effects.friction.coefficient=0.1`.",

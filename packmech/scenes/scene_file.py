@@ -134,8 +134,7 @@ def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str,
         Another seed than the file's, for a scene whose packing is random.
     changes
         Other values than the file's by their path, as in ``{"packing.particles": 64}``. An effect is named by its kind,
-        or by its place in the list: ``"effects.friction.coefficient"``, ``"effects.0.law.energy_scale"``. One that the
-        scene does not have is added to it.
+        or by its place in the list: ``"effects.friction.coefficient"``, ``"effects.0.law.energy_scale"``.
 
     Raises
     ------
@@ -246,9 +245,6 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
     place: Any = tables
     for k, part in enumerate(before):
         entry = _entry(place, part)
-        if entry is None and before[:k] == ["effects"] and part in kinds_of(registered_effects()):
-            place.append({"kind": part})
-            entry = len(place) - 1
         if entry is None:
             known = list(place) if isinstance(place, dict) else [one.get("kind") for one in place]
             where = ".".join(before[:k]) or "the scene"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import instance
+from packmech.contacts import pair_contacts
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
 from packmech.effects import bonds_of
+from packmech.files.snapshot import ContactData, Snapshot
 from packmech.links import image_offsets
 from packmech.measure.contact_forces import force_balance, rattlers_in
 from packmech.measure.stress import energy, pressure
@@ -26,6 +29,8 @@ from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
 from packmech.view import drawing
 
+# more frames than any run keeps
+_ALL = 2**62
 Curve = tuple[NDArray[np.int64], NDArray[np.float64]]
 
 # an eigenvalue this small against the stiffness of a contact belongs to a free motion (a translation, a rattler);
@@ -163,6 +168,64 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     )
     last = max(int(run.steps), kept[-1].step + 1)
     return Trajectory((*kept, PackingFrame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
+
+
+def snapshots(run: Run, scene: Scene) -> Iterator[Snapshot]:
+    """Return every packing that a run kept, one after another, for `pm.write_trajectory`.
+
+    With velocities (peculiar ones in a box that deforms) and spins where these were kept, and of discs and spheres in
+    motion the forces of contacts, dashpots and friction included.
+
+    Parameters
+    ----------
+    run
+        A run with frames, or a trace with positions; of others the start and the end.
+    scene
+        The scene that was run.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arguments of another kind, or a scene of another number of particles.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile, packmech as pm
+    >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+    >>> scene = pm.Scene(crystal, (pm.Repulsion(),))
+    >>> run = pm.simulate(scene, steps=20, dt=0.1, temperature=0.01, seed=1, trace_every=5, trace_positions=True)
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "run.gsd"
+    >>> pm.write_trajectory(pm.snapshots(run, scene), path)
+    >>> [one.step for one in pm.read_trajectory(path)], list(pm.read_trajectory(path)[-1].fields)
+    ([0, 5, 10, 15, 20], ['velocity_nd'])
+
+    """
+    instance("run", run, Run)
+    instance("scene", scene, Scene)
+    if run.packing.particles != scene.packing.particles:
+        raise ValueError(f"scene must have the run's {run.packing.particles} particles, got {scene.packing.particles}")
+    trace = run.trace
+    velocity = trace.velocity_tnd if isinstance(trace, MotionTrace) else None
+    spin = trace.spin_tnk if isinstance(trace, MotionTrace) else getattr(run, "spin_fnk", None)
+    kept = trajectory_of_run(run, scene, _ALL).frames
+    fields = [{} for _ in kept] if velocity is None else [{"velocity_nd": one} for one in velocity]
+    if spin is not None:
+        fields = [{**found, "spin_nk": one} for found, one in zip(fields, spin, strict=True)]
+    return (
+        Snapshot(frame.packing, found, contact_forces=_contact_data(frame), step=frame.step)
+        for frame, found in zip(kept, fields, strict=True)
+    )
+
+
+def _contact_data(frame: PackingFrame) -> ContactData | None:
+    """Return the forces of the contacts of a frame that has them, of discs and spheres."""
+    touching, packing = frame.touching, frame.packing
+    if touching is None or packing.shapes.has_orientations:
+        return None
+    i, j, image = touching.i_c, touching.j_c, touching.image_cd
+    normal_cd = pair_contacts(packing, i, j, image).normal_cd
+    normal = -(touching.force_cd * normal_cd).sum(axis=1)
+    return ContactData(i, j, image, normal, touching.force_cd + normal[:, None] * normal_cd)
 
 
 def _evenly(count: int, chosen: int) -> NDArray[np.int64]:

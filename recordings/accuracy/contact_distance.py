@@ -1,4 +1,4 @@
-"""What exact contact distances of ellipses cost: the levels of the third source's table 2.1, with a column for time.
+"""What exact contact distances of ellipses cost: levels of table 2.1 of Schreck and O'Hern (2010), and their times.
 
     python recordings/accuracy/contact_distance.py
 

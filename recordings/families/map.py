@@ -1,4 +1,4 @@
-"""Packing fraction at jamming over shear strain, figure 2.7 of the third source: families of 10 discs, or ellipses.
+"""Packing fraction at jamming over shear strain, as figure 2.7 of Schreck and O'Hern (2010), of 10 discs or ellipses.
 
     python recordings/families/map.py --packings 6 [--aspect 1.5 --step 0.01]
 

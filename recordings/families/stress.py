@@ -1,4 +1,4 @@
-"""Shear stress over five decades of strain at constant volume, as figures 2.31 and 2.32 of the third source.
+"""Shear stress over five decades of strain at constant volume, as figures 2.31 and 2.32 of Schreck and O'Hern (2010).
 
     python recordings/families/stress.py --packings 3
 

@@ -16,7 +16,7 @@ import pytest
 
 import packmech as pm
 from packmech.cli import main
-from packmech.cli.output import Watch
+from packmech.cli.output import Files, Watch
 
 JSON_FIELDS = {
     "packing_fraction",
@@ -195,6 +195,15 @@ def test_options_overrule_the_scene(jammed, tmp_path):
     assert other["isostatic_contacts"] == 2 * (other["particles"] - other["rattlers"]) + 1
     assert other["packing_fraction"] != numbers["packing_fraction"]
     assert not list(tmp_path.glob("*.rrd"))
+
+
+def test_a_packing_is_written_even_where_its_format_has_no_place_for_all_of_it(tmp_path, capsys):
+    packing = pm.cluster_packing(4, pm.Dimer(), dimension=2, packing_fraction=0.3, seed=1)
+    Files(out=tmp_path / "end.csv").write_packing(packing)
+    assert "end.csv has no place for, and does not hold: links" in capsys.readouterr().out
+    assert pm.read_packing(tmp_path / "end.csv") == packing.replace(links=None)
+    Files(out=tmp_path / "end.data").write_packing(packing)
+    assert capsys.readouterr().out == "" and pm.read_packing(tmp_path / "end.data") == packing
 
 
 def test_a_packing_without_law_is_analyzed_as_harmonic_and_says_so(tmp_path):

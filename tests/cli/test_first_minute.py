@@ -1,11 +1,13 @@
 """Facts about the first minute with the command: what comes of no words, new scenes, other values, shipped scenes."""
 
+import json
 import re
 
 import pytest
 
 import packmech as pm
 from packmech.cli import OK, execute
+from packmech.observables import OBSERVABLES
 
 
 @pytest.fixture(autouse=True)
@@ -22,12 +24,12 @@ def test_the_command_alone_says_what_to_do_next(capsys):
 
 def test_a_new_scene_is_what_its_options_say_and_every_field_has_a_comment(folder):
     words = ["--particles", "20", "--dimension", "3", "--law", "hertz", "--friction", "0.3", "--seed", "7"]
-    execute(["new", "mine.toml", *words, "--set", "drive.pressure=1e-3", "--set", 'packing.sizes="monodisperse"'])
+    execute(["new", "mine.toml", *words, "--set", "drive.pressure=2e-3", "--set", 'packing.sizes="monodisperse"'])
     scene = pm.read_scene(folder / "mine.toml")
     assert (scene.packing.particles, scene.packing.dimension) == (20, 3)
     assert scene.packing == pm.random_packing(20, dimension=3, packing_fraction=0.87, sizes=pm.Monodisperse(), seed=7)
     assert scene.effects == (pm.Repulsion(pm.Hertz()), pm.Friction(0.3))
-    assert scene.drive == pm.JamDrive(pressure=1e-3)
+    assert scene.drive == pm.JamDrive(pressure=2e-3)
     lines = (folder / "mine.toml").read_text().splitlines()
     for k, line in enumerate(lines):
         if re.match(r"[a-z_]+ = ", line) and not line.startswith("description"):
@@ -118,3 +120,24 @@ def test_one_error_of_a_scene_stands_alone(folder):
     (folder / "wrong.toml").write_text('[packing]\nkind = "lattice"\nname = "square"\n[[effects]]\nkind = 3\n')
     with pytest.raises(ValueError, match=r"^effects\[0\].kind must be one of .* \(in scene file"):
         pm.read_scene(folder / "wrong.toml")
+
+
+def test_an_observable_of_one_s_own_is_among_the_numbers(folder, capsys):
+    (folder / "mine.py").write_text(
+        """
+import packmech as pm
+
+
+@pm.observable(unit="1")
+def largest_overlap_of_mine(state):
+    return pm.find_contacts(state.packing).overlap_c.max(initial=0.0)
+"""
+    )
+    words = ["--load", "mine.py", "--particles", "24", "--no-record", "--modes", "0", "--set", "drive.pressure=1e-3"]
+    try:
+        execute(["jam", *words, "--json", "numbers.json", "--out", "packing.npz"])
+        numbers = json.loads((folder / "numbers.json").read_text())
+        overlap = pm.find_contacts(pm.read_packing(folder / "packing.npz")).overlap_c.max()
+        assert numbers["largest_overlap_of_mine"] == pytest.approx(overlap, rel=1e-12)
+    finally:
+        OBSERVABLES.pop("largest_overlap_of_mine", None)

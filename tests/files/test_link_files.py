@@ -47,7 +47,9 @@ def test_a_packing_with_links_is_read_back_to_the_last_bit(tmp_path, ending, see
 
 
 def test_a_table_has_no_place_for_links_and_is_not_written(tmp_path):
-    with pytest.raises(ValueError, match=r"^packing must have no links for .txt files \(only .npz and .gsd keep them"):
+    with pytest.raises(
+        ValueError, match=r"^packing must have no links for .txt files \(only .npz, .gsd, .data and .vtp keep them"
+    ):
         pm.write_packing(linked(), tmp_path / "a.txt")
     assert list(tmp_path.iterdir()) == []
 

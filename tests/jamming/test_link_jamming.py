@@ -70,7 +70,7 @@ def test_two_trimers_held_on_one_bead_each_rotate_freely_while_the_rest_is_jamme
     assert named(verdict.rattlers) == data["rattling_particles"] == [1, 2, 13, 14]
     assert named(verdict.backbone) == data["backbone_particles"]
     assert named(verdict.danglers) == [1, 2, 13, 14] and not verdict.rattling_clusters.any()
-    # 15 - 2 freedoms less translations, 2 of them rotations: section 12 of the corrected specification
+    # 15 - 2 freedoms less translations, 2 of them rotations
     assert verdict.contacts == verdict.collectively.isostatic_contacts == 12
     assert verdict.states_of_self_stress["none"] == data["first_order"]["sss"] == 1
 

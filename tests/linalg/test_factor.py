@@ -111,6 +111,28 @@ def test_the_matrix_given_is_left_as_it_was():
     assert all(np.array_equal(a, b) for a, b in zip(before, (matrix.data, matrix.indices, matrix.indptr), strict=True))
 
 
+@pytest.mark.parametrize("backend", ["auto", "qdldl", "superlu", "dense", "rslab"])
+def test_an_earlier_factorization_serves_whatever_became_of_the_matrix(backend):
+    if backend == "rslab":
+        pytest.importorskip("rslab")
+    right = np.random.default_rng(1).normal(size=60)
+    factor = None
+    # the same places, a pivot that vanishes there, the same places, other ones, another size
+    first, other = symmetric(3, shift=4.0), symmetric(4, shift=4.0)
+    singular = first.copy()
+    singular.data[:] = 0.0
+    for matrix in (first, 2.0 * first, singular, first, other, symmetric(5, 25, 4.0)):
+        try:
+            factor = factorize(matrix, kind="symmetric", backend=backend, like=factor)
+        except NotDefinite:
+            assert matrix is singular
+            continue
+        if matrix is not singular:
+            part = right[: matrix.shape[0]]
+            np.testing.assert_allclose(factor.solve(part), np.linalg.solve(matrix.toarray(), part), rtol=1e-9)
+            assert factor.inertia == factorize(matrix, kind="symmetric", backend=backend).inertia
+
+
 def test_an_empty_matrix_has_an_empty_factorization():
     factor = factorize(sp.csr_array((0, 0)))
     assert factor.inertia == Inertia(0, 0, 0)

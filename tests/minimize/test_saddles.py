@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.linalg.factor import NotDefinite
+from packmech.mechanics.stability import stability
+from packmech.minimize.second_order.newton import newton
 
 HARMONIC = (pm.Repulsion(),)
 LOWEST = -1e-8
@@ -136,6 +139,21 @@ def test_translations_and_rattlers_are_no_saddles():
     run = pm.quench(pm.Scene(packing, HARMONIC), force_tolerance=1e-11)
     assert run.ok and run.report["negative_modes"] == 0
     assert not any("saddle" in stage.name for stage in run.stages)
+
+
+def test_a_place_whose_second_derivative_cannot_be_factored_is_no_minimum_alone_or_in_a_batch(monkeypatch):
+    def singular(scene):
+        raise NotDefinite("matrix must be nonsingular")
+
+    scene = pm.Scene(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01), HARMONIC)
+    batch = pm.QuenchBatch(scene)
+    batch.step([0.0], [0.0])
+    assert batch.outcome(0) is pm.Outcome.CONVERGED
+    monkeypatch.setattr("packmech.mechanics.stability.curvature_of", singular)
+    assert stability(scene).negative is None and stability(scene).unstable == 1
+    batch.step([0.0], [0.0])
+    assert batch.outcome(0) is pm.Outcome.UNSTABLE
+    assert newton(scene, force_tolerance=1e-10, check=False).outcome is pm.Outcome.UNSTABLE
 
 
 @pytest.mark.parametrize("method", [None, pm.Fire()], ids=lambda one: type(one).__name__)

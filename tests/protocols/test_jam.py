@@ -354,3 +354,15 @@ def test_rattlers_that_graze_do_not_decide_on_a_disc_that_its_own_images_bear(se
     packing = pm.Packing(rng.random((151, 2)) * 48.4, radius, pm.Box.cubic(48.4, 2))
     run = pm.jam(pm.Scene(packing, (pm.Repulsion(pm.Hertz()),)), pressure=1e-6, strain="isotropic", check=False)
     assert (run.outcome, run.report["rattlers"]) == (pm.Outcome.CONVERGED, 150)
+
+
+def test_a_jammed_packing_s_report_has_its_whole_stress_tensor_of_contacts_found_anew():
+    scene = pm.Scene(pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=3), (pm.Repulsion(),))
+    run = pm.jam(scene, 1e-3, strain="isotropic")
+    stress = pm.stress_tensor(scene.replace(packing=run.packing)) / scene.pressure_unit
+    assert np.allclose(run.report["stress"], stress, rtol=0.0, atol=1e-15)
+    assert -np.trace(run.report["stress"]) / 2 == pytest.approx(1e-3, rel=1e-9)
+    # a box that keeps its shape bears shear stress, too: that is said, not only the pressure
+    assert run.report["stress_anisotropy"] == pytest.approx(
+        np.abs(run.report["stress"] + 1e-3 * np.eye(2)).max() / 1e-3, rel=1e-9
+    )

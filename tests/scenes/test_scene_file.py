@@ -130,12 +130,23 @@ def test_lattice_of_a_file_is_the_one_that_the_function_makes(tmp_path):
     assert scene.packing == pm.lattice_packing("fcc", supercell=supercell, relative_overlap=0.01, diameter=2.0)
 
 
-@pytest.mark.parametrize("ending", [".npz", ".gsd", ".txt"])
+@pytest.mark.parametrize("ending", [".npz", ".gsd", ".txt", ".data", ".dump", ".extxyz", ".csv", ".vtp"])
 def test_packing_file_is_found_beside_its_scene_file(tmp_path, monkeypatch, ending):
     packing = random_scene().packing
     pm.write_packing(packing, tmp_path / f"start{ending}")
     monkeypatch.chdir("/")
     assert read(tmp_path, EFFECTS + f'[packing]\nkind = "file"\npath = "start{ending}"\n').packing == packing
+
+
+def test_a_scene_says_what_a_packing_file_of_another_program_does_not(tmp_path):
+    (tmp_path / "places").write_text("x,y\n0.5,0.5\n1.5,0.75\n")
+    more = 'format = "csv"\nradius = 0.5\nlattice_vectors = [[3, 0], [0.5, 2]]\n'
+    scene = read(tmp_path, EFFECTS + f'[packing]\nkind = "file"\npath = "places"\n{more}')
+    expected = pm.Packing([[0.5, 0.5], [1.5, 0.75]], 0.5, pm.Box([[3.0, 0.5], [0.0, 2.0]]))
+    assert scene.packing == expected
+    for field, wrong in (("radius = 0.5", "radius = -1"), ('format = "csv"', 'format = "pdb"')):
+        with pytest.raises(ValueError, match=f"packing.{field.split()[0]} must be"):
+            read(tmp_path, EFFECTS + f'[packing]\nkind = "file"\npath = "places"\n{more.replace(field, wrong)}')
 
 
 def test_inline_packing_has_one_lattice_vector_a_line(tmp_path):

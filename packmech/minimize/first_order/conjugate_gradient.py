@@ -64,7 +64,7 @@ def conjugate_gradient_steps(
     start_f = vector_kf[0]
     before_f = vector_kf[1]
     if moved_far(axes, row, space, pairs.number, 0.0):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
     number[_EVALUATIONS] += 1.0

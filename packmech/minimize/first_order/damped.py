@@ -26,7 +26,7 @@ _RELAXED = 0.5
 
 
 class DampedDynamics(NamedTuple):
-    """Newton's equations with a dashpot at every contact, all masses equal: eq. 2.3 of Schreck and O'Hern.
+    """Newton's equations with a dashpot at every contact, all masses equal: eq. 2.3 of Schreck and O'Hern (2010).
 
     m a_i = sum over touching j of [-u'(r) - b (v_ij . n)] n, n from j to i. The forces of the law are those where the
     particles stand, the dashpots see the velocities that the step ends with: velocities solve
@@ -156,7 +156,7 @@ def damped_steps(
     way_nd = vector_kf[1].reshape(force_nd.shape)
     product_nd = vector_kf[2].reshape(force_nd.shape)
     if moved_far(axes, row, space, pairs.number, 0.0):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     step = 0
     while True:
@@ -191,7 +191,7 @@ def damped_steps(
         keep = largest_step / reach if reach > largest_step else 1.0
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, 0.0, dt)
         if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
-            pairs = follow(axes, row, space, pairs)
+            pairs, _ = follow(axes, row, space, pairs, None)
         speeds(space.links, axes, velocity_nd, speed2, fastest2)
         number[_STEP] += 1.0
         step += 1

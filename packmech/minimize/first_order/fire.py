@@ -163,7 +163,7 @@ def fire_steps(
     status = RUNNING
     step = 0
     if moved_far(axes, row, space, pairs.number, 0.0):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     while True:
         sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
@@ -206,7 +206,7 @@ def fire_steps(
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
         move_box(strains, axes, row, space, pairs, keep, push, dt)
         if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
-            pairs = follow(axes, row, space, pairs)
+            pairs, _ = follow(axes, row, space, pairs, None)
         speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         speed2, fastest2 = with_rates(strains, speed2, fastest2)
     number[_DT] = dt

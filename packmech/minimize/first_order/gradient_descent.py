@@ -53,7 +53,7 @@ def gradient_descent_steps(
 ):
     """Advance up to `steps` steps and return how they ended and the pair list."""
     if moved_far(axes, row, space, pairs.number, 0.0):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     clear(velocity_nd)
     step = 0
@@ -69,7 +69,7 @@ def gradient_descent_steps(
         push = min(push, largest_step / math.sqrt(sums.largest))
         _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
         if moved_far(axes, row, space, pairs.number, math.sqrt(fastest2)):
-            pairs = follow(axes, row, space, pairs)
+            pairs, _ = follow(axes, row, space, pairs, None)
         number[_STEP] += 1.0
         step += 1
     return status, pairs

@@ -93,7 +93,7 @@ def lbfgs_steps(
     step_kf = vector_kf[2 : 2 + memory]
     change_kf = vector_kf[2 + memory :]
     if moved_far(axes, row, space, pairs.number, 0.0):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
     number[_EVALUATIONS] += 1.0

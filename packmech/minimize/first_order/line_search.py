@@ -57,7 +57,7 @@ def line_search(
         back = fixed
         fixed = project_rows(space.links, axes, row, space)
         if is_stale(pairs.number, abs(length - last) * fastest + back + fixed):
-            pairs = follow(axes, row, space, pairs)
+            pairs, _ = follow(axes, row, space, pairs, None)
         clear(force_nd)
         sums = net_forces(effects, axes, row, force_nd, direction_nd, space, pairs)
         evaluations += 1

@@ -81,7 +81,7 @@ def _force_at(effects, axes, row, force_nd, velocity_nd, space, pairs, start_f, 
     """Move the rows by dt times the velocities from the start and take the forces there; return sums and pair list."""
     _start_at(axes, row, start_f, velocity_nd, dt)
     if moved_far(axes, row, space, pairs.number, moved + dt * longest(axes, velocity_nd)):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     return net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs), pairs
 
@@ -95,7 +95,7 @@ def descent_steps(
     velocity_f = velocity_nd.reshape(force_nd.size)
     start_f, first_f, second_f, third_f = vector_kf[0], vector_kf[1], vector_kf[2], vector_kf[3]
     if moved_far(axes, row, space, pairs.number, 0.0):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     clear(velocity_nd)
     sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions, project_forces, project_rows, refresh
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.jit.compiled import device, inlined, inner_kernel, kernel
+from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
 from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
 from packmech.minimize.passes.shape_rows import (
@@ -200,7 +200,7 @@ def _push_listed(pushing, laws, pair, value):
     return total, touching
 
 
-@kernel
+@inner_lean
 def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
     n = pairs.anchor_nd.shape[0]
@@ -212,7 +212,8 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
     power = 0.0
     whole = 0.0
     largest = 0.0
-    total, touching = walk(pushing, laws, listed, special, special, end, (0.0, 0))
+    # a whole number of its type, so that both walks are one function
+    total, touching = walk(pushing, laws, listed, special, special, end, (0.0, np.int64(0)))
     more, pushed = push_interactions(shapes, effects, axes, row, force_nd, pairs)
     total += more
     touching += pushed
@@ -249,7 +250,7 @@ def _projected(links, axes, force_nd, velocity_nd, sums):
     return Sums(sums.total, sums.touching, power, square, largest)
 
 
-@inlined
+@inner_lean
 def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs):
     """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left."""
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
@@ -435,7 +436,7 @@ def survey(effects, row, pairs):
 def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
     """Return Sums, Survey (with what links bear) and the pair list at the positions in row; forces stay in force_nd."""
     if is_stale(pairs.number, np.inf):
-        pairs = follow(axes, row, space, pairs)
+        pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
     refresh(space.links, row, space)

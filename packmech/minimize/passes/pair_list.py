@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import LinkedPairs, without_linked
 from packmech.contacts.cells import Frame, PairTable, Sizes, find_pairs
 from packmech.jit.by_type import by_type
-from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, inner_lean, kernel, makes_arrays
+from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean
 
 # places in PairList.number
 SKIN_OUTER = 0  # every pair nearer than contact plus this, at the outer anchor, is in the outer list
@@ -37,9 +37,8 @@ DISPLACED = 2  # bound on the largest displacement since it was last measured
 BUDGET = 3  # displacement at which the inner list must be looked at again
 AGE = 4  # steps since the inner list was made
 SKIN_FULL = 5  # the outer skin that a new outer list gets
-SEARCHES = 6  # outer lists made
-BEYOND = 7  # how far beyond contact pairs act: skins begin there
-NUMBERS = 8
+BEYOND = 6  # how far beyond contact pairs act: skins begin there
+NUMBERS = 7
 
 # which anchor of a list a strain is counted from
 INNER, OUTER = 0, 1
@@ -225,26 +224,8 @@ def walk_range(visitor, laws, pairs, first, special, last, value):
     return value
 
 
-_walk_lean, _walk_counting = inner_lean(walk_range), inner_kernel(walk_range)
-
-
-def walk(visitor: Any, laws: Any, pairs: InnerPairs, first: int, special: int, last: int, value: Any) -> Any:
-    """Do the same for kernels that count references to arrays: the walk counts none, which would cost more than pairs.
-
-    Where a user's law makes arrays, it does.
-    """
-    raise NotImplementedError("pairs are visited in compiled loops")
-
-
-@compiled_form(walk)
-def _choose_walk(visitor: Any, laws: Any, pairs: Any, first: Any, special: Any, last: Any, value: Any) -> Any:
-    if makes_arrays(laws):
-        return lambda visitor, laws, pairs, first, special, last, value: _walk_counting(
-            visitor, laws, pairs, first, special, last, value
-        )
-    return lambda visitor, laws, pairs, first, special, last, value: _walk_lean(
-        visitor, laws, pairs, first, special, last, value
-    )
+# the same for kernels that count references to arrays: to count in every walk would cost more than its pairs
+walk = inner_lean(walk_range)
 
 
 @inlined
@@ -312,7 +293,10 @@ def block_of(row_b, i):
 
 @device
 def _rebuilt(found, row, old):
-    """Return lists with the outer pairs of a search in sections, and room for as many inner ones."""
+    """Return lists with the outer pairs of a search in sections, and room for as many inner ones.
+
+    Arrays come from `np.empty` alone, as in the search.
+    """
     row_b = old.row_b
     blocks = row_b.shape[0] - 1
     total = found.i_p.shape[0]
@@ -322,7 +306,7 @@ def _rebuilt(found, row, old):
     none = np.uint64(found.image_kd.shape[0] // 2)
     outer_i = np.empty(total, np.uint32)
     outer_code = np.empty(total, np.uint32)
-    start = np.zeros(2 * blocks + 1, np.int64)
+    start = np.empty(2 * blocks + 1, np.int64)
     far = 0
     first = 0
     put = 0
@@ -344,7 +328,6 @@ def _rebuilt(found, row, old):
     start[2 * blocks] = put
     anchor(row, old.outer_anchor_nd)
     old.number[SKIN_OUTER] = old.number[SKIN_FULL]
-    old.number[SEARCHES] += 1.0
     width = old.slots.push_qk.shape[1]
     return PairList(
         row_b,
@@ -356,12 +339,12 @@ def _rebuilt(found, row, old):
         np.empty(total + 1, np.uint32),
         np.empty(total + 1, np.uint32),
         np.empty(total + 1, np.uint32),
-        np.zeros(2 * blocks + 1, np.int64),
+        np.empty(2 * blocks + 1, np.int64),
         Slots(
-            np.zeros((far, width)), np.zeros(far, np.uint32), np.zeros(blocks + 1, np.int64), np.zeros(blocks, np.int64)
+            np.empty((far, width)), np.empty(far, np.uint32), np.empty(blocks + 1, np.int64), np.empty(blocks, np.int64)
         ),
         found.image_kd,
-        np.zeros_like(found.image_kd),
+        np.empty((found.image_kd.shape[0], 3)),
         old.outer_anchor_nd,
         old.anchor_nd,
         old.number,
@@ -627,7 +610,7 @@ def _pick_anew(axes, row, space, pairs, track):
 
 @inner_lean
 def update_lists(axes, row, space, pairs, track):
-    """Make stale lists valid; return whether that takes a new search."""
+    """Make stale lists valid; return whether that takes a new search, as does who asks again before it is made."""
     number = pairs.number
     flow = space.flow
     reach = largest_contact(space.sizes) + number[BEYOND]
@@ -644,15 +627,18 @@ def update_lists(axes, row, space, pairs, track):
     gone = displaced(flow, row, pairs.outer_anchor_nd, OUTER)
     gone += strained(flow, OUTER, reach + number[SKIN_FULL])
     if 2.0 * gone + number[SKIN_INNER] > number[SKIN_OUTER]:
+        number[DISPLACED] = np.inf
         return True
     store_track(track, pairs)
     _pick_anew(axes, row, space, pairs, track)
     return False
 
 
-@kernel
-def search(axes, row, space, pairs, track):
-    """Return lists rebuilt at the present positions and strain, and the track with the numbers kept."""
+@inner_kernel
+def follow(axes, row, space, pairs, track):
+    """Return lists that are valid at the positions in row, remade only as far as they must be, and their track."""
+    if not update_lists(axes, row, space, pairs, track):
+        return pairs, track
     store_track(track, pairs)
     reach = pairs.number[BEYOND] + pairs.number[SKIN_FULL]
     found = find_pairs(axes, row[: pairs.anchor_nd.shape[0]], space.sizes, space.frame, 1.0, reach)
@@ -662,14 +648,6 @@ def search(axes, row, space, pairs, track):
     mark_strain(space.flow, OUTER)
     _pick_anew(axes, row, space, new, track)
     return new, track
-
-
-@inner_kernel
-def follow(axes, row, space, pairs):
-    """Return a list without a track that is valid at the positions in row, remade only as far as it must be."""
-    if update_lists(axes, row, space, pairs, None):
-        pairs, _ = search(axes, row, space, pairs, None)
-    return pairs
 
 
 def strain_list(pairs: PairList, map_dd: NDArray[np.float64], largest: float) -> None:

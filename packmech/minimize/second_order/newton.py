@@ -1,4 +1,10 @@
-"""Newton's method for the last digits: from forces that nearly balance to the floor of double precision."""
+"""Newton's method for the last digits: from forces that nearly balance to the floor of double precision.
+
+There are three loops. That of discs and spheres without bonds keeps the pair list of `Newton.skin` and sees changes of
+the energy free of cancellation, that of links and shapes goes on to rounding whatever is asked for; the general one,
+of bonds and whatever else acts, stops at the tolerance. In place of the other two it takes 0.9 to 1.2 times as long in
+a quench.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +27,8 @@ from packmech.effects import acts_on_single, bonds_of, interactions_of, needs_se
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import NotDefinite, factorize
 from packmech.measure.contact_forces import ContactForces, resting_forces
-from packmech.measure.stress import energy
 from packmech.mechanics.assembly import assemble
+from packmech.mechanics.linked_systems import Operator
 from packmech.mechanics.stability import curvature_of, stability
 from packmech.minimize.second_order.soft_network import SoftNetwork, Units, length_unit
 from packmech.minimize.second_order.soft_newton import descend, judge
@@ -184,36 +190,30 @@ def _step(state: SoftNetwork) -> tuple[NDArray[np.float64], bool]:
         added = np.maximum(added, regularization * diagonal)
 
 
-def _unstable_directions(scene: Scene, largest_force: float) -> int:
-    """Return the number of unstable directions of all particles that can move, rattlers among them; 1 if unknown."""
-    negative = stability(scene, largest_force).negative
-    return 1 if negative is None else negative
-
-
 def displaced(packing: Packing, change_nq: NDArray[np.float64]) -> Packing:
     """Return the packing after displacements and turns, its links at their lengths."""
     moved = packing.moved(change_nq)
     return ConstraintFactor(packing, workable_links(packing)).projected(moved)
 
 
-def _assembled_step(scene: Scene, found: ContactForces) -> tuple[NDArray[np.float64], float, float, bool]:
+def _assembled_step(
+    found: ContactForces, operator: Operator, free_nq: NDArray[np.bool_], stiffest: float
+) -> tuple[NDArray[np.float64], float, bool]:
     """Return Newton's step by the second derivatives of a scene, as definite as need be: whether they were not.
 
-    And the slope of the energy along it, and the largest stiffness.
+    And the slope of the energy along it.
     """
-    operator, free_nq = curvature_of(scene)
-    turn_nkt = scene.packing.turn_nkt
+    turn_nkt = found.scene.packing.turn_nkt
     torque = np.einsum("nkt,nt->nk", turn_nkt, found.torque_nk[:, : turn_nkt.shape[2]])
     uphill = -np.hstack([found.force_nd, torque])[free_nq]
-    stiffest = float(np.abs(operator.matrix.diagonal()).max(initial=0.0))
     step, regularization = np.zeros(free_nq.shape), _SLIDING
     if not stiffest > 0.0:
-        return step, 0.0, 0.0, False
+        return step, 0.0, False
     while operator.below(-0.5 * regularization * stiffest):
         regularization *= 10.0
     along = operator.solver(-regularization * stiffest)(-uphill)
     step[free_nq] = along
-    return step, float(uphill @ along), stiffest, regularization > _SLIDING
+    return step, float(uphill @ along), regularization > _SLIDING
 
 
 def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: float, deadline: float) -> Polished:
@@ -223,7 +223,8 @@ def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: 
     evaluations, steps, regularized, negative = 1, 0, 0, 0
     while True:
         scene, imbalance = found.scene, found.largest_imbalance
-        step, slope, stiffest, changed = _assembled_step(scene, found)
+        operator, free_nq = curvature_of(scene)
+        stiffest = float(np.abs(operator.matrix.diagonal()).max(initial=0.0))
         floor = stiffest * float(np.spacing(extent))
         if found.mean_force <= floor:
             outcome = Outcome.UNJAMMED
@@ -237,13 +238,14 @@ def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: 
         if time.process_time() > deadline:
             outcome = Outcome.TIME_LIMIT
             break
-        size = min(1.0, longest / max(float(np.sqrt((step**2).sum(axis=1)).max()), 1e-300))
-        start, reached = energy(scene), None
+        step, slope, changed = _assembled_step(found, operator, free_nq, stiffest)
+        size, reached = min(1.0, longest / max(float(np.sqrt((step**2).sum(axis=1)).max()), 1e-300)), None
         for _ in range(_HALVINGS):
             moved = scene.replace(packing=displaced(scene.packing, size * step))
             reached = resting_forces(moved)
             evaluations += 1
-            if reached.largest_imbalance < 0.5 * imbalance or energy(moved) <= start + _ARMIJO * size * slope:
+            lower = reached.energy <= found.energy + _ARMIJO * size * slope
+            if lower or reached.largest_imbalance < 0.5 * imbalance:
                 break
             size, reached = 0.5 * size, None
         if reached is None or (imbalance <= _FLOORS * floor and reached.largest_imbalance > 0.5 * imbalance):
@@ -253,7 +255,7 @@ def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: 
         steps, regularized, found = steps + 1, regularized + changed, reached
         best = found if found.largest_imbalance < best.largest_imbalance else best
     if outcome in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
-        negative = _unstable_directions(found.scene, found.largest_imbalance)
+        negative = stability(found.scene, found.largest_imbalance).unstable
         outcome = Outcome.UNSTABLE if negative else outcome
     return Polished(
         found.scene.packing, outcome, found.residual, found.largest_imbalance, found.mean_force,
@@ -320,7 +322,7 @@ def polish(
                 outcome = Outcome.UNJAMMED
                 break
             if state.residual <= tolerance or largest <= floor:
-                negative = _unstable_directions(Scene(state.packing, effects), largest)
+                negative = stability(Scene(state.packing, effects), largest).unstable
                 outcome = Outcome.CONVERGED if state.residual <= tolerance else Outcome.ROUNDING_FLOOR
                 outcome = Outcome.UNSTABLE if negative else outcome
                 break
@@ -338,7 +340,7 @@ def polish(
             if reached is None or (reached.largest_force() > 0.5 * least and least <= _FLOORS * floor):
                 state = best
                 near_floor = least <= _FLOORS * _floor(best)
-                negative = _unstable_directions(Scene(best.packing, effects), least)
+                negative = stability(Scene(best.packing, effects), least).unstable
                 outcome = Outcome.ROUNDING_FLOOR if near_floor else Outcome.STALLED
                 outcome = Outcome.UNSTABLE if near_floor and negative else outcome
                 break

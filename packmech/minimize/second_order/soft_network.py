@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.contacts.elements import Elements, elements_of, sum_ends
+from packmech.contacts.elements import elements_of, sum_slopes
 from packmech.contacts.network import Candidates, Contacts, distance_change
 from packmech.contacts.pairs import list_pairs, measure_pairs, search_pairs
 from packmech.effects import contact_terms, held_particles, single_effects, single_terms, total_push
-from packmech.linalg.factor import factor_saddle, factorize
+from packmech.linalg.factor import Factorization, factor_saddle, factorize
 from packmech.mechanics.assembly import assemble
 from packmech.packing import Packing
 
@@ -28,8 +28,6 @@ _WEIGHT = np.array([5.0, 8.0, 5.0]) / 18.0
 # pairs further apart than so many widths of the smoothing bear next to nothing: overlaps fall as width^2 / gap
 _FAR = 30.0
 Array = NDArray[np.float64]
-# slopes alone need none
-_NO_STIFFNESS = np.zeros((0, 0, 0))
 
 
 def length_unit(packing: Packing) -> float:
@@ -221,6 +219,8 @@ class SoftNetwork:
         self.links = ConstraintFactor(packing, workable_links(packing))
         self.packing = packing = self.links.projected(packing)
         self.tension_l = np.zeros(len(self.links))
+        # the last factorization, whose order of elimination serves while the same contacts touch
+        self.factor: Factorization | None = None
         self.pairs, self.searched_nd = self.search(packing), packing.position_nd
         self.trace_k = np.einsum("kaa->k", basis_kdd)
         # what the load does on each strain, over pressure times volume
@@ -287,10 +287,12 @@ class SoftNetwork:
 
     def balance(self) -> None:
         """Set the slopes of the enthalpy and how far from balance they are."""
-        packing, one = self.packing, self.contacts
+        packing, one, d = self.packing, self.contacts, self.packing.dimension
         self.turn_nkt = packing.turn_nkt
-        bearing = [Elements(one.i_c, one.j_c, one.vector_cd, self.first_c[:, None] * one.slope_cx, _NO_STIFFNESS)]
-        self.uphill_nd = sum_ends(one, self.first_c)
+        pull_cx = self.first_c[:, None] * one.slope_cx
+        self.uphill_nd = sum_slopes(one.i_c, one.j_c, pull_cx, self.turn_nkt, d)
+        # slopes of the energy along displacement gradients, which turn no particle
+        self.gradient_dd = pull_cx[:, :d].T @ one.vector_cd
         self.single = single_terms(self.units.effects, packing) if self.acting else None
         if self.single is not None:
             self.uphill_nd -= self.single.force_nd
@@ -300,11 +302,7 @@ class SoftNetwork:
             self.links = self.links.at(packing)
             left, self.tension_l, _ = self.links.project(-self.uphill_nd)
             self.uphill_nd, bonds = -left, self.links.pairs
-            pull = self.tension_l[:, None] * bonds.slope_cx
-            bearing.append(Elements(bonds.i_c, bonds.j_c, bonds.vector_cd, pull, _NO_STIFFNESS))
-        # slopes of the energy along displacement gradients, which turn no particle
-        d = packing.dimension
-        self.gradient_dd = sum((each.pull_cx[:, :d].T @ each.vector_cd for each in bearing), np.zeros((d, d)))
+            self.gradient_dd = self.gradient_dd + (self.tension_l[:, None] * bonds.slope_cx).T @ bonds.vector_cd
         volume = packing.box.volume
         if self.volume is not None:
             self.pressure = -float(np.trace(self.gradient_dd)) / (d * volume)
@@ -368,28 +366,30 @@ class SoftNetwork:
         count, d = one.count_n(), packing.dimension
         bonds, cluster_n = self.links.pairs, self.links.cluster_n
         elements = [elements_of(one, self.first_c, self.second_c)]
-        elements.append(elements_of(bonds, self.tension_l, np.zeros(len(bonds))))
+        if len(bonds):
+            elements.append(elements_of(bonds, self.tension_l, np.zeros(len(bonds))))
         # a cluster that nothing touches is held, all others hardly
         loose = np.bincount(cluster_n, count, len(count))[cluster_n] == 0
         unit = float(np.abs(self.second_c).mean()) if len(bonds) and len(self.second_c) else 1.0
         found = assemble(elements, self.turn_nkt, d, basis_edd=basis_kdd)
         # the best connected particle stays
-        free = np.hstack([np.ones((len(count), d), dtype=bool), (self.turn_nkt != 0.0).any(axis=2)])
+        free = np.ones_like(self.uphill_nd, dtype=bool)
+        free[:, d:] = (self.turn_nkt != 0.0).any(axis=2)
         free[int(np.argmax(np.where(loose, -1, count))), :d] = False
         free_f, coupling = free.ravel(), found.column(free.ravel())
         matrix = found.matrix(free_f, np.repeat(np.where(loose, unit, regularization), free.shape[1]))
         if len(bonds):
-            factor = factor_saddle(matrix, self.links.gradient_lx[:, free_f], d, stiffness=unit)
+            self.factor = factor_saddle(matrix, self.links.gradient_lx[:, free_f], d, stiffness=unit)
+            stretch_lk = np.einsum("la,kab,lb->lk", bonds.slope_cx, basis_kdd, bonds.vector_cd)
+            coupling = np.concatenate([coupling, unit * stretch_lk])
         else:
-            factor = factorize(matrix, kind="symmetric")
-        negative = factor.inertia.negative - len(bonds)
-        stretch_lk = np.einsum("la,kab,lb->lk", bonds.slope_cx, basis_kdd, bonds.vector_cd)
-        coupling = np.concatenate([coupling, unit * stretch_lk])
+            self.factor = factorize(matrix, kind="symmetric", like=self.factor)
+        negative = self.factor.inertia.negative - len(bonds)
         # the pressure's work on the volume
         trace = np.einsum("kaa->k", basis_kdd)
         twice = np.outer(trace, trace) - np.einsum("kab,lba->kl", basis_kdd, basis_kdd)
         corner = found.corner_ee + self.pressure * packing.box.volume * twice
-        return Coupled(factor.solve, negative, np.flatnonzero(free_f), coupling, corner)
+        return Coupled(self.factor.solve, negative, np.flatnonzero(free_f), coupling, corner)
 
     def direction(self, regularization: float) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
         """Return the Newton step and the number of negative pivots."""

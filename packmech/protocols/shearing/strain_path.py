@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
-from packmech.measure.stress import energy, stress_tensor
+from packmech.measure.contact_forces import resting_forces
 from packmech.minimize.second_order.soft_network import Response, SoftNetwork
 from packmech.minimize.second_order.soft_newton import SoftState, descend, newton
 from packmech.packing import Packing
@@ -29,6 +29,8 @@ HALVINGS = 10
 # part of the way to a predicted change that is left at the next tangent; tangents on either side, and the strain before
 # or behind the change that is near enough
 _LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
+# strains nearer than this differ by rounding
+_ROUNDED_STRAIN = 1e-15
 # farther tangents are not believed, their error being of second order
 _TRUSTED = 1e-11
 # largest strain between the equilibria on both sides of a change that is found by halving
@@ -175,9 +177,8 @@ class StrainPath:
         packing = state.packing
         network = SoftNetwork(packing, self.protocol.units, self.protocol.basis_kdd, self.load)
         restored = self.protocol.restored(packing)
-        scene = self.protocol.scene.replace(packing=restored)
-        stress = stress_tensor(scene)
-        d, volume, own = packing.dimension, restored.box.volume, energy(scene)
+        found = resting_forces(self.protocol.scene.replace(packing=restored))
+        d, volume, own, stress = packing.dimension, restored.box.volume, found.energy, found.stress_dd
         flow, gradient = self.axes
         pairs, held = bearing_pairs(packing, network)
         answer = network.response(self.shear_dd)
@@ -319,13 +320,14 @@ class StrainPath:
             if pair is None:
                 break
             tangents.append((one.strain, there))
-            if abs(there - one.strain) <= _NEARLY:
+            # a tangent may lead beyond the limit, of which rounding leaves no more to be halved
+            if abs(there - one.strain) <= _NEARLY or abs(limit - one.strain) <= _ROUNDED_STRAIN:
                 break
             aim = there - _LEFT * (there - one.strain)
             if (aim - limit) * direction > 0.0:
                 aim = 0.5 * (one.strain + limit)
             following = self.at(one, aim)
-            while (following is None or following.pairs != known) and abs(aim - one.strain) > 1e-15:
+            while (following is None or following.pairs != known) and abs(aim - one.strain) > _ROUNDED_STRAIN:
                 limit, behind = aim, following or behind
                 aim = one.strain + 0.5 * (aim - one.strain)
                 following = self.at(one, aim)
@@ -388,7 +390,7 @@ class StrainPath:
             if one is not None and one.pairs == changed:
                 break
             far, one = 0.5 * far, None
-            if abs(far) < 1e-15:
+            if abs(far) < _ROUNDED_STRAIN:
                 break
         if one is None:
             return None

@@ -1,0 +1,77 @@
+"""`packmech guide`: list what there is to read, or print one page of it."""
+
+from __future__ import annotations
+
+import sys
+from importlib import resources
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from packmech.check import one_of
+from packmech.cli.output import show, table
+
+# pages in the order in which they are listed; others that lie in the folder follow by name
+_ORDER = (
+    "first-steps",
+    "choosing",
+    "units",
+    "glossary",
+    "scene-files",
+    "effects",
+    "verdicts",
+    "links",
+    "friction",
+    "shapes",
+    "structure",
+    "shear",
+    "environments",
+    "ensembles",
+    "files",
+    "accuracy",
+    "errors",
+    "coming-from",
+    "extending",
+    "architecture",
+    "references",
+    "citing",
+)
+
+
+def guide_topics() -> dict[str, str]:
+    """Return what each page of the guide is about, by its topic: the first paragraph below its title."""
+    folder = resources.files("packmech") / "guide"
+    found = {one.name.removesuffix(".md"): one for one in folder.iterdir() if one.name.endswith(".md")}
+    ordered = [name for name in _ORDER if name in found] + sorted(set(found) - set(_ORDER))
+    return {name: " ".join(found[name].read_text("utf-8").split("\n\n")[1].split()) for name in ordered}
+
+
+def guide_page(topic: str) -> str:
+    """Return a page of the guide as Markdown.
+
+    Raises
+    ------
+    ValueError
+        If there is no such page; it names the one that is nearest in spelling.
+
+    """
+    name = one_of("topic", topic.removesuffix(".md"), guide_topics())
+    return (resources.files("packmech") / "guide" / f"{name}.md").read_text("utf-8")
+
+
+Topic = Annotated[str | None, Parameter(help="the page to print; without one, all are listed")]
+
+
+def guide(topic: Topic = None, /) -> None:
+    """List the pages of the guide, or print one of them."""
+    if topic is None:
+        show(table("what there is to read", ("topic", "what it is about"), guide_topics().items(), right=()))
+        show("read one: packmech guide TOPIC; names of the library by subject: packmech.help() in Python")
+        return
+    text = guide_page(topic)
+    if not sys.stdout.isatty():
+        sys.stdout.write(text)
+        return
+    from rich.markdown import Markdown
+
+    show(Markdown(text))
