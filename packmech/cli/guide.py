@@ -23,6 +23,7 @@ _ORDER = (
     "links",
     "friction",
     "shapes",
+    "structure",
     "shear",
     "environments",
     "ensembles",

@@ -1,24 +1,7 @@
 """Effects on touching pairs, chosen by type: what a scene does not name is not compiled in.
 
-An effect is a NamedTuple of numbers and laws whose class is decorated with `effect`. It may define any of
-
-    pair_energy(self, distance, contact_distance)        energy of a touching pair [energy]
-    pair_first(self, distance, contact_distance, rate)   radial derivative [force]; the force on j along n is minus
-    this;
-                                                         rate = d(distance)/dt
-    pair_second(self, distance, contact_distance)        second radial derivative [force/length]
-    body_force(self, x, y, z, u, v, w, mass, radius)     force on a single particle with the peculiar velocity (u, v, w)
-    body_energy(self, x, y, z, mass, radius)             its energy [energy]
-    body_second(self, x, y, z, mass, radius)             its second derivatives xx, yy, zz, yz, xz, xy
-    spin_drag(self)                                      rate at which spins relax to the flow's [1/time]
-
-    reach(self, contact_distance) and interaction_energy, _first, _second: forces between centers, of a range of their
-    own, and torques between directions (`packmech.effects.interaction`)
-
-the first three valid for distance < contact_distance. What it leaves out is zero. A class whose pair_first is zero at
-rate zero may say so, `damps_only = True`: it is not asked for the elastic force then, which caps friction. One whose
-elastic force is meant to jump at contact says so, `force_jumps = True`; others must go to zero there. Compiled
-loops walk the scene's tuple of effects with `literal_unroll` and call the functions below.
+An effect is a NamedTuple of numbers and laws whose class is decorated with `effect`, which says what it may define.
+Compiled loops walk the scene's tuple of effects with `literal_unroll` and call the functions below.
 """
 
 from __future__ import annotations
@@ -68,7 +51,29 @@ def effect(cls: E) -> E:
     Parameters
     ----------
     cls
-        A NamedTuple class that defines at least one of the hooks listed at the top of this module.
+        A NamedTuple class that defines at least one of these methods; what it leaves out is zero.
+
+        =====================================================  =========================================================
+        method, after self                                     what it returns
+        =====================================================  =========================================================
+        pair_energy(distance, contact_distance)                energy of a touching pair [energy]
+        pair_first(distance, contact_distance, rate)           its radial derivative [force], minus the force on j along
+                                                               n; rate = d(distance)/dt
+        pair_second(distance, contact_distance)                its second radial derivative [force/length]
+        body_energy(x, y, z, mass, radius)                     energy of a single particle [energy]
+        body_force(x, y, z, u, v, w, mass, radius)             the three components of the force on it [force]; (u, v,
+                                                               w) is its peculiar velocity
+        body_second(x, y, z, mass, radius)                     second derivatives xx, yy, zz, yz, xz, xy of its energy
+        spin_drag()                                            rate at which spins relax to the flow's [1/time]
+        reach(contact_distance), interaction_energy(distance,  forces between centers, of a range of their own, and
+        contact_distance, alignment), interaction_first,       torques between directions; first and second derivatives
+        interaction_second                                     are described in `packmech.effects.interaction`
+        =====================================================  =========================================================
+
+        Those of pairs are asked for distances below contact. (x, y, z) is the place in the cell: an energy that differs
+        at opposite faces jumps where a particle crosses one. A class whose pair_first is zero at rate zero may say so,
+        `damps_only = True`: it is not asked for the elastic force then, which caps friction. One whose elastic force is
+        meant to jump at contact says so, `force_jumps = True`; others must go to zero there.
 
     Raises
     ------

@@ -96,7 +96,7 @@ class WorkPrecision:
     def to_csv(self) -> str:
         """Return the table as comma-separated values, numbers with every digit."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
-        headings = ("method", self.knob, *(f"error in {name}" for name in self.quantities), "cpu seconds", *work)
+        headings = ("method", self.knob, *map(_heading, self.quantities), "cpu seconds", *work)
         rows = []
         for trial in self.trials:
             errors = (trial.errors.get(name, "") for name in self.quantities)
@@ -107,12 +107,12 @@ class WorkPrecision:
     def to_markdown(self) -> str:
         """Return the table as Markdown: short numbers, failures in words."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
-        headings = ("method", self.knob, *(f"error in {name}" for name in self.quantities), "CPU s", *work, "failed")
+        headings = ("method", self.knob, *map(_heading, self.quantities), "CPU s", *work, "failed")
         rows = []
         for trial in self.trials:
             errors = [f"{trial.errors[name]:.1e}" if name in trial.errors else "-" for name in self.quantities]
             counts = [_short(trial.work[name]) if name in trial.work else "-" for name in work]
-            rows.append((trial.method, f"{trial.setting:.0e}", *errors, f"{trial.seconds:.2g}", *counts, trial.failed))
+            rows.append((trial.method, f"{trial.setting:.3g}", *errors, f"{trial.seconds:.2g}", *counts, trial.failed))
         return markdown_table(headings, rows)
 
     def save_figure(self, path: str | Path) -> None:
@@ -172,6 +172,11 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:
             best = (residual, OrderFit(line.slope, math.exp(line.height), floor, moved))
     assert best is not None
     return best[1]
+
+
+def _heading(quantity: str) -> str:
+    """Return the heading of a column of errors; that of a value without a name is "error"."""
+    return quantity if quantity == "error" else f"error in {quantity}"
 
 
 def _short(value: float) -> str:

@@ -157,13 +157,20 @@ def test_each_quantity_of_a_mapping_has_its_own_error_and_order():
 def test_csv_returns_every_digit():
     table = work_precision({"m": lambda h: Answer(h / 3, work={"steps": 7})}, (0.1,), 0.0)
     (row,) = csv.DictReader(io.StringIO(table.to_csv()))
-    assert float(row["error in error"]) == 0.1 / 3
+    assert float(row["error"]) == 0.1 / 3
     assert float(row["steps"]) == 7
     assert float(row["cpu seconds"]) == table.trials[0].seconds
 
 
 def test_markdown_has_a_row_for_every_trial(growth):
     assert growth.to_markdown().count("\n") == 2 + len(growth.trials)
+
+
+def test_markdown_tells_settings_apart():
+    table = work_precision({"m": lambda h: h}, (0.05, 0.025, 0.0125), 0.0, knob="step")
+    head, _, *rows = table.to_markdown().splitlines()
+    assert head.startswith("| method | step | error | CPU s |")
+    assert [row.split(" | ")[1] for row in rows] == ["0.05", "0.025", "0.0125"]
 
 
 def test_markdown_shows_counts_that_are_no_number_or_have_no_end():
