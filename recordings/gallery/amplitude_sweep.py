@@ -4,7 +4,7 @@ Boschan, Vagberg, Somfai and Tighe, Soft Matter 12, 5450 (2016), on soft discs b
 value of linear response up to some strain, then falls. The yield strain is where G' and G'' cross, at this frequency.
 Overdamped discs, drag against the flow.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     G' at the smallest amplitude over linear response = 1.000 +- 0.002
     yield strain = 0.094 +- 0.030
 

@@ -4,7 +4,7 @@ Maloney and Lemaitre, Phys. Rev. E 74, 016118 (2006): elastic branches end in av
 the mean as much falls as is built up. 128 discs at a pressure of 1e-2, one packing, from equilibrium to equilibrium at
 constant volume.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     avalanches = 22 +- 15
     largest stress drop = 0.00058 +- 0.00040
     mean stress beyond a strain of 0.08 = 0.00077 +- 0.00040

@@ -4,7 +4,7 @@ Zou, Cheng, Rivers, Jaeger and Nagel, Science 326, 408 (2009): long floppy chain
 Reichhardt and Reichhardt, Phys. Rev. E 84, 011303 (2011), in two dimensions. Flexible chains of equal discs, 96 in
 all; dimers are dense, since equal discs order.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     phi_J of dimers = 0.842 +- 0.008
     phi_J of chains of 16 = 0.816 +- 0.015
 

@@ -4,7 +4,7 @@ Dagois-Bohy, Somfai, Tighe and van Hecke, Soft Matter 13, 9036 (2017), on soften
 small stress the strain comes to rest at stress / G with G of linear response; under a larger one contacts change and
 it goes further, or flows. One packing of 64 discs.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     strain over stress / G at stress 1e-05 = 1.000 +- 0.005
     strain over stress / G at stress 0.001 = 1.845 +- 2.000
     strain over stress / G at stress 0.004 = 20.057 +- 19.000

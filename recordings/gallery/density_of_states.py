@@ -4,7 +4,7 @@ Silbert, Liu and Nagel, Phys. Rev. Lett. 95, 098301 (2005); Wyart, Nagel and Wit
 D(omega) has a plateau down to omega* ~ P^(1/2), below which there are few modes. All masses are 1, contacts without
 the forces that they bear.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     plateau = 0.427 +- 0.020
     omega* at P 0.003 = 0.0594 +- 0.0100
     exponent of omega* = 0.52 +- 0.06

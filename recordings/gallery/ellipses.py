@@ -3,7 +3,7 @@
 Donev et al., Science 303, 990 (2004); Mailman, Schreck, O'Hern and Chakraborty, Phys. Rev. Lett. 102, 255501 (2009): z
 grows continuously from 4 with the aspect and stays below 6; what is missing are quartic modes.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     z at aspect 1.05 = 4.421 +- 0.200
     z at aspect 1.8 = 5.604 +- 0.200
 

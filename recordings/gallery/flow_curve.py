@@ -4,7 +4,7 @@ Olsson and Teitel, Phys. Rev. Lett. 99, 178001 (2007): below phi_J stress is pro
 above it there is a yield stress (slope 0). Overdamped discs, drag against the mean flow. At these rates slopes are on
 the way there, and of one packing.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     slope at the lowest rates at phi 0.76 = 0.90 +- 0.20
     slope at the lowest rates at phi 0.82 = 0.70 +- 0.15
     slope at the lowest rates at phi 0.88 = 0.20 +- 0.10

@@ -4,7 +4,7 @@ Radjai, Jean, Moreau and Roux, Phys. Rev. Lett. 77, 274 (1996): some six of ten 
 and large forces are rare; O'Hern, Langer, Liu and Nagel, Phys. Rev. Lett. 86, 111 (2001): near jamming a plateau or
 peak below the mean. Six packings of 256 discs cannot tell an exponential tail from a faster one.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     share of forces below the mean = 0.568 +- 0.020
     largest force over the mean = 3.81 +- 0.50
 

@@ -4,7 +4,7 @@ Silbert, Soft Matter 6, 2918 (2010); Shundyak, van Hecke and van Saarloos, Phys.
 2d without friction to about d + 1 with strong friction. Packings are pressed in time at a finite rate; the slower, the
 lower z.
 
-Prints, with the spread over other seeds:
+Prints, with a margin of some errors over its two seeds:
     z at mu 0.01 = 3.887 +- 0.060
     z at mu 10 = 3.057 +- 0.040
 

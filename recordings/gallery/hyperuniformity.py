@@ -4,7 +4,7 @@ Zachary, Jiao and Torquato, Phys. Rev. Lett. 106, 178001 (2011): in mixtures the
 fill falls towards k = 0; Wu, Olsson and Teitel, Phys. Rev. E 92, 052206 (2015), saw it level off. In a window over one
 decade it falls; 2048 discs, quenched at .86, say nothing of smaller k.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     exponent between k 0.2 and 2 = 0.61 +- 0.10
 
 Time: 4 s, as a processor counts, with compiled code on disk. Larger: 16384 discs (recordings/structure), and more to

@@ -4,7 +4,7 @@ Hairer, Lubich and Wanner, Geometric Numerical Integration (2006): velocity Verl
 Euler of first, where forces are smooth. Discs under pressure that swing too little for contacts to change, started off
 balance: from rest without force both would be of second order.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     order of velocity Verlet = 2.01 +- 0.05
     order of semi-implicit Euler = 1.06 +- 0.08
 

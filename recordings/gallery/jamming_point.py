@@ -5,7 +5,7 @@ about .842 for N to infinity, with a width that falls with N. Here starts are qu
 taken to the exact hard packing nearby; rattlers count. The power of N of the fit is theirs, -1 / (2 x .71), and four N
 do not test it: the limit of the fit, .845(1), lies above theirs.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     phi_J at N 256 = 0.8428 +- 0.0010
     width of phi_J over seeds at N 64 = 0.0026 +- 0.0020
 

@@ -5,7 +5,7 @@ Torquato and Stillinger, J. Phys. Chem. B 105, 11849 (2001); Donev, Torquato, St
 cells has 3 L - 2 floppy modes besides translations: one more state of self stress for each row than contacts and
 degrees of freedom balance.
 
-Prints, with the spread over other seeds:
+Prints, exactly:
     collectively = not jammed
     floppy modes = 7
     contacts opened by the motion = 54

@@ -4,9 +4,9 @@ Proximal policy optimization: Schulman, Wolski, Dhariwal, Radford and Klimov, ar
 of 32 discs at a time; the agent changes the packing fraction or shears, and sees what the relaxation gave. Takes
 minutes, and needs the extra "learning".
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     return of the first tenth = -31.83 +- 4
-    return of the last tenth = -18.95 +- 8
+    return of the last tenth = -18.95 +- 5
 
 Time: 38 s, as a processor counts, with compiled code on disk. Larger: recordings/learning.py, with new starts and a
 policy at random beside it.

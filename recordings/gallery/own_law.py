@@ -4,7 +4,7 @@ O'Hern, Silbert, Liu and Nagel, Phys. Rev. E 68, 011306 (2003): with u ~ overlap
 jamming to alpha - 1, and the bulk modulus as P^((alpha - 2) / (alpha - 1)). Here alpha is 3, so that B ~ P^(1/2); the
 figure has the forces at a pressure of 1e-4.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     exponent of B = 0.513 +- 0.005
 
 Time: 5 s, as a processor counts, with compiled code on disk. Larger: several packings.

@@ -4,7 +4,7 @@ O'Hern, Silbert, Liu and Nagel, Phys. Rev. E 68, 011306 (2003); van Hecke, J. Ph
 harmonic discs have z - 2d ~ P^(1/2) and G ~ P^(1/2), and a bulk modulus that stays finite. Packings are shear-
 stabilized; pressures are high enough for N = 512 not to show, and low enough for a rough power law.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     exponent of bulk modulus = 0.09 +- 0.02
     exponent of excess coordination = 0.55 +- 0.05
     exponent of shear modulus = 0.48 +- 0.08

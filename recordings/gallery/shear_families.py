@@ -4,7 +4,7 @@ Bertrand, Behringer, Chakraborty, O'Hern and Shattuck, Phys. Rev. E 93, 012901 (
 in the strain, with kinks and jumps where the contact network changes. Ten discs; how many networks there are, and how
 high they go, is another matter in each packing.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     families = 21 +- 8
     range of the packing fraction = 0.0440 +- 0.0250
 

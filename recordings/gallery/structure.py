@@ -4,7 +4,7 @@ Silbert, Liu and Nagel, Phys. Rev. E 73, 041304 (2006): a sharp first peak at co
 second one that is split, with parts at sqrt(3) and 2 diameters. A thousand spheres a little above jamming (packing
 fraction .65), so that z is above 6.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     contacts of a sphere = 6.85 +- 0.08
     place of the upper half of the second peak = 1.99 +- 0.03
 

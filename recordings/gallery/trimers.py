@@ -4,7 +4,7 @@ Schreck, Xu and O'Hern, Soft Matter 6, 2960 (2010): rigid dimers in the plane ha
 degrees of freedom ask for, unlike ellipses. Here bent trimers of random angles with all strains free: with one state
 of self stress, contacts are as many as the isostatic count.
 
-Prints, with the spread over other seeds:
+Prints, with a margin for other seeds, of which one more set was run:
     contacts less isostatic contacts = 0
     packing fraction = 0.779 +- 0.020
     strictly = jammed
