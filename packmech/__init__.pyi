@@ -253,7 +253,6 @@ from packmech.dynamics.simulation import MotionTrace as MotionTrace
 from packmech.dynamics.integrators import VelocityVerlet as VelocityVerlet
 from packmech.dynamics.integrators import SemiImplicitEuler as SemiImplicitEuler
 from packmech.observables import State as State
-from packmech.observables import observable as observable
 from packmech.observables import Table as Table
 from packmech.dynamics.material import material_constants as material_constants
 from packmech.dynamics.material import MaterialConstants as MaterialConstants
@@ -329,6 +328,7 @@ from packmech.result import Stage as Stage
 from packmech.result import Trace as Trace
 
 # your own laws, effects, methods, drives and measures
+from packmech.observables import observable as observable
 from packmech.effects import law as law
 from packmech.effects import effect as effect
 from packmech.minimize.minimizers import minimizer as minimizer
