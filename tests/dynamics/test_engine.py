@@ -128,7 +128,7 @@ def test_lists_rebuilt_at_every_step_change_no_bit():
     whole.advance(40)
     for _ in range(40):
         rebuilt.advance(1)
-        rebuilt._search()
+        rebuilt._follow()
     np.testing.assert_array_equal(whole.state.body, rebuilt.state.body)
     np.testing.assert_array_equal(whole.stretches().stretch_ck, rebuilt.stretches().stretch_ck)
 
