@@ -275,7 +275,10 @@ REFUSED = {
     "packing without kind": ("[packing]\nparticles = 3\n" + EFFECTS, "packing.kind must be one of .*, got nothing"),
     "packing of unknown kind": ('packing = "heap"\n' + EFFECTS, "packing.kind must be one of .*'file', .* got 'heap'"),
     "packing no table": ("packing = 3\n" + EFFECTS, "packing must be a table with a kind, got 3"),
-    "missing field": ('packing = "random"\n' + EFFECTS, "packing.particles must be given, got nothing"),
+    "missing field": (
+        '[packing]\nkind = "random"\nparticles = 8\nseed = 1\n' + EFFECTS,
+        "packing.packing_fraction must be given, got nothing",
+    ),
     "unknown packing field": (random("weight = 1"), "packing.weight must be a field of random .particles"),
     "wrong type": (random("", particles='"8"'), "packing.particles must be an integer, got '8'"),
     "boolean for number": (random("", packing_fraction="true"), "packing.packing_fraction must be a number, got True"),
