@@ -17,11 +17,12 @@ SHORT = {
     *("project_force", "random_packing", "bead_packing", "rigidity_matrix", "rough_plates", "reaffix_links"),
     *("remove_rattlers", "reinforced_kagome_packing", "tunneled_packing", "vacancy_packing", "stiffness_matrix"),
     *("stress_tensor", "torques", "wall_contacts", "wave_indices", "wave_vectors", "bond_orientational_order"),
-    *("shell_average", "write_packing", "write_scene", "read_scene", "read_packing", "plot", "write_table"),
+    *("shell_average", "write_scene", "read_scene", "plot", "write_table", "read_trajectory", "snapshots"),
 }
 # calls on what a long one returned, or that register something
 ON_RESULTS = {
     *("bootstrap", "demodulate", "fit_power_law", "group_statistics", "histogram", "mean_with_error", "read_ensemble"),
+    *("to_ase", "from_ase", "to_freud", "from_freud", "to_hoomd", "from_hoomd", "to_networkx", "from_networkx"),
     *("softening_strain", "yield_strain", "small_value_exponent", "mandel_tensor", "mandel_vector", "read_law"),
     *("read_table", "list_scenes", "drive", "effect", "law", "minimizer", "packing_kind", "kernel"),
 }

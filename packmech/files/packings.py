@@ -51,6 +51,7 @@ from packmech.files.table_text import CSV, PLAIN
 from packmech.files.vtk_file import VTK
 from packmech.honors import honors
 from packmech.packing import Packing
+from packmech.status import shown_as
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")
@@ -64,6 +65,7 @@ FORMATS = {one.name: one for one in (NPZ, GSD, PLAIN, CSV, DATA, DUMP, EXTXYZ, V
 _ENDINGS = {ending: one for one in FORMATS.values() for ending in one.endings}
 
 
+@shown_as("reading")
 def read_packing(
     path: PathLike,
     *,
@@ -249,6 +251,7 @@ def warn_of(where: Path | str, left_out: Sequence[str]) -> None:
         warnings.warn(f"{where}: left out, as a packing has no place for them: {'; '.join(left_out)}", stacklevel=3)
 
 
+@shown_as("writing")
 @honors("links shapes", packing_only=True)
 def write_packing(
     packing: Packing | Snapshot, path: PathLike, *, format: str | None = None, law: Any = None, drop: bool = False
@@ -305,6 +308,7 @@ def write_packing(
             chosen.write([kept], partial)
 
 
+@shown_as("writing")
 def write_trajectory(
     snapshots: Iterable[Packing | Snapshot], path: PathLike, *, format: str | None = None, drop: bool = False
 ) -> None:

@@ -187,14 +187,16 @@ def listed_numbers(name: str, values: Any, what: str) -> list[float]:
 def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Callable[[list[R]], C]) -> C:
     """Return what is gathered of a run for each of the numbers.
 
-    An interrupt is passed on with `.run` set to what is gathered of the runs that were finished, or None.
+    An interrupt is passed on with `.run` set to what is gathered of the runs that were finished, or, where none was, to
+    the one that it stopped; that one is `.unfinished`, too.
     """
     runs: list[R] = []
     for value in values:
         try:
             runs.append(run(value))
         except KeyboardInterrupt as stop:
-            stop.run = gathered(runs) if runs else None  # type: ignore[attr-defined]
+            stop.unfinished = getattr(stop, "run", None)  # type: ignore[attr-defined]
+            stop.run = gathered(runs) if runs else stop.unfinished  # type: ignore[attr-defined]
             raise
     return gathered(runs)
 
