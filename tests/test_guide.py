@@ -1,5 +1,6 @@
 """Facts about the guide and README: their blocks run, their links lead somewhere, made pages are up to date."""
 
+import copy
 import re
 import shlex
 import subprocess
@@ -10,8 +11,14 @@ import pytest
 from guide_pages import GUIDE
 
 import packmech as pm
+from packmech import observables, scene
 from packmech.cli import execute
 from packmech.cli.guide import guide_page, guide_topics
+from packmech.effects import laws, pair
+from packmech.minimize import minimizers
+from packmech.protocols import method
+from packmech.scenes import recipes
+from packmech.view import report
 
 ROOT = Path(__file__).parents[1]
 PAGES = {path.stem: path for path in sorted(GUIDE.glob("*.md"))} | {"README": ROOT / "README.md"}
@@ -52,9 +59,24 @@ def anchors(page):
     return found
 
 
+# where laws, effects, ... of one's own are registered: what a page registers is gone with it
+REGISTRIES = (
+    *(observables.OBSERVABLES, laws._COMPILED, pair._COMPILED, minimizers._REGISTERED, method._METHODS),
+    *(scene._DRIVES, recipes.PACKINGS, report.REPORT_FIGURES),
+)
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A folder of its own, where nothing asks for a terminal and Gymnasium's wrappers warn of nothing."""
+    kept = [copy.copy(one) for one in REGISTRIES]
+    yield _folder(tmp_path, monkeypatch)
+    for one, before in zip(REGISTRIES, kept, strict=True):
+        one.clear()
+        one.extend(before) if isinstance(one, list) else one.update(before)
+
+
+def _folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     gym = pytest.importorskip("gymnasium")
     monkeypatch.setattr(gym.logger, "warn", lambda *told, **more: None)

@@ -38,7 +38,7 @@ from packmech.effects import bonds_of
 from packmech.files.modules import load_modules
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
-from packmech.observables import State, measure_added
+from packmech.observables import State, added_observables
 from packmech.result import NotConverged, Run
 from packmech.scene import Scene
 from packmech.scenes import run as run_drive
@@ -239,8 +239,7 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
     scene, files = wanted.scene, wanted.files
     about = done if report is None else report
     numbers, title = about.to_dict(), title_of(wanted.name, about)
-    last = done.runs[-1] if hasattr(done, "runs") else done
-    numbers |= {name: value.tolist() for name, value in measure_added(lambda: _end_of(last, scene)).items()}
+    numbers |= _measured(done.runs[-1] if hasattr(done, "runs") else done, scene)
     bonds = bonds_of(scene.effects)
     if bonds is not None and report is None:
         numbers["bonds"] = len(bonds)
@@ -275,11 +274,18 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
             show(f"recording: {path}   (open it: rerun {path})")
 
 
-def _end_of(run: Run, scene: Scene) -> State:
-    """Return what observables of a user's own are measured of at the end of a run."""
+def _measured(run: Run, scene: Scene) -> dict[str, Any]:
+    """Return what observables of a user's own say of the end of a run; what one of them fails at loses no other."""
     dt = getattr(run, "dt", None)
     moved = (getattr(run, "velocity_nd", None), getattr(run, "spin_nk", None))
-    return State(run.packing, scene.effects, run.steps, None if dt is None else dt * run.steps, *moved)
+    end = State(run.packing, scene.effects, run.steps, None if dt is None else dt * run.steps, *moved)
+    found = {}
+    for one in added_observables():
+        try:
+            found[one.name] = one.of(end).tolist()
+        except (ValueError, TypeError, ArithmeticError, LookupError) as error:
+            show(f"packmech: observable {one.name} cannot be measured at the end: {error}", error=True)
+    return found
 
 
 def _labeled(done: Any) -> list[tuple[Run, str]]:
