@@ -81,7 +81,7 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     """
     draw, size = _figure_of(thing)
     axes = new_axes(size) if ax is None else ax
-    if isinstance(axes, list | tuple | np.ndarray):
+    if not hasattr(axes, "add_collection"):
         raise TypeError(f"ax must be one matplotlib Axes, got {brief(axes)}")
     try:
         with matplotlib_parts().rc_context(STYLE):

@@ -209,6 +209,7 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "steps": _count,
     "strain": partial(one_of, choices=("isotropic", "free")),
     "stress": _not_zero,
+    "trace_every": _count,
     "velocities": _rows,
     "viscosity": _not_negative,
     "JamDrive.method": _protocol,

@@ -53,7 +53,7 @@ INTEGRATORS = {"SemiImplicitEuler", "VelocityVerlet"}
 # texts and other values of which any will do
 ANYTHING = {
     "work_precision.reference", "work_precision.reference_is", "work_precision.title", "work_precision.knob",
-    "work_precision.failures", "record_packing.summary", "record_run.summary",
+    "work_precision.failures", "record_packing.summary", "record_run.summary", "plot.options",
 }  # fmt: skip
 
 
@@ -293,6 +293,7 @@ BAD = {
     "SimulateDrive.method": ["verlet", 3, pm.VelocityVerlet],
     "SimulateDrive.velocities": [1.0, "1", [[0.0, 1.0]], ((NAN, 0.0),), (("1", 0.0),), (1.0,)],
     "SimulateDrive.spins": [1.0, "1", [[0.0]], ((INF,),), (("1",),), (1.0,)],
+    "SimulateDrive.trace_every": [0, -1, 2.5, "2", True],
     "SimulateDrive.held": [0, "0", [0], (-1,), (0.5,), ("0",), None],
     "SteadyShearDrive.rates": [(), 0.1, (0.0,), (NAN,), ("1",), None],
     "SteadyShearDrive.applied_strain": [NAN, 0.0, -1.0, "1", None],
@@ -620,6 +621,8 @@ BAD = {
     "graph": [3, None, touching()],
     "run.frames": [-1, 2.5, "2", None],
     "modes": [3, "modes"],
+    "plot.thing": [None, 3, "x", pm.Fire()],
+    "plot.ax": [3, "x", [None]],
     "write_pictures.folder": [3, 1.5, None],
     "format": CHOICE,
     "mode_count": [-1, 2.5, "2", None],
@@ -850,6 +853,7 @@ def good(name, folder):
             "stresses": [[[-2e-3, 0.0], [0.0, -2e-3]]],
         },
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
+        "plot": {"thing": touching()},
         "write_pictures": {
             "run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0),
             "folder": folder,
