@@ -81,3 +81,6 @@ class Changes:
                 raise ValueError(f"set must be NAME=VALUE, such as packing.particles=500, got {text!r}")
             found[path.strip()] = value_of_text(value.strip())
         return found
+
+
+UNCHANGED = Changes()

@@ -9,7 +9,7 @@ from typing import Annotated, cast
 from cyclopts import Parameter
 
 from packmech.check import BoxStrain
-from packmech.cli.changes import Changes
+from packmech.cli.changes import UNCHANGED, Changes
 from packmech.cli.output import SCENE, Files, Json, Load, Modes, Out, Seed, Switch, check_modes
 from packmech.cli.run import Pictures, Wanted, carry_out
 from packmech.files.modules import load_modules
@@ -21,7 +21,7 @@ def jam(
     /,
     *,
     load: Load = (),
-    changes: Changes = Changes(),  # noqa: B008
+    changes: Changes = UNCHANGED,
     pressure: float | None = None,
     strain: str | None = None,
     record: Path = Path("jam.rrd"),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from packmech.cli.changes import Changes
+from packmech.cli.changes import UNCHANGED, Changes
 from packmech.cli.output import Load, Seed, show
 from packmech.files.modules import load_modules
 from packmech.files.packings import replacing, target_file
@@ -20,7 +20,7 @@ def new(
     /,
     *,
     like: Annotated[str, Parameter(help="the scene to begin with: a file or one that ships")] = "default",
-    changes: Changes = Changes(),  # noqa: B008
+    changes: Changes = UNCHANGED,
     seed: Seed = None,
     description: str | None = None,
     overwrite: Annotated[bool, Parameter(show_default=False)] = False,
@@ -44,7 +44,7 @@ def new(
     tables, folder = changes.tables(like, seed=seed)
     if description is not None:
         tables["description"] = description
-    elif changes != Changes() or seed is not None:
+    elif changes != UNCHANGED or seed is not None:
         tables.pop("description", None)
     scene_of_tables(tables, folder, name=str(file))
     with replacing(target_file(file)) as partial:

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 import packmech as pm
 from packmech.check import integer, one_of
 from packmech.cli import FAILED, INTERRUPTED, OK
-from packmech.cli.changes import Changes
+from packmech.cli.changes import UNCHANGED, Changes
 from packmech.cli.output import (
     SCENE,
     Files,
@@ -112,7 +112,7 @@ def run(
     /,
     *,
     load: Load = (),
-    changes: Changes = Changes(),  # noqa: B008
+    changes: Changes = UNCHANGED,
     record: Record = None,
     no_record: Switch = False,
     out: Out = None,

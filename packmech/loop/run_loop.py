@@ -155,7 +155,7 @@ class RunLoop:
 
     @property
     def watched(self) -> bool:
-        """Whether somebody is told what the run does."""
+        """Whether what the run reports is heard."""
         return is_watched(self.settings.progress)
 
     @property
