@@ -163,8 +163,9 @@ class OscillatoryShear(StrainRun):
                     error = f"error not known: fewer than two periods count; fit to {fit:.2g}"
                 note = "contacts inside the plates counted; " if whole and self.held_n is not None else ""
                 rows.append((f"{name}{whole}", f"{numbers[f'{key}_modulus']:.6g}", f"{note}{error}; {unit}"))
-            led = "; inertia takes part: no moduli of a slow strain" if numbers["kinetic_share"] > _MOVING else ""
-            rows.append(("kinetic share", f"{numbers['kinetic_share']:.3g}", f"over the energy that |G*| stores{led}"))
+            # first, so that a short line does not lose it
+            led = "inertia takes part: no moduli of a slow strain; " if numbers["kinetic_share"] > _MOVING else ""
+            rows.append(("kinetic share", f"{numbers['kinetic_share']:.3g}", f"{led}over the energy that |G*| stores"))
         else:
             lines = ["  ".join(f"{entry + 0.0:.6g}" for entry in row) for row in numbers["end_stress"]]
             rows += [("moduli", "none", "less than a whole period counts")]
