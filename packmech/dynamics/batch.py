@@ -52,7 +52,6 @@ from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
 from packmech.result import Outcome
 from packmech.scene import Scene
-from packmech.shapes import Beads
 
 # columns of the counts and of the numbers of each packing
 STEPS, LEFT, SINCE, STATUS, GOOD, COUNTS = 0, 1, 2, 3, 4, 5
@@ -324,7 +323,7 @@ def must_be_alike(name: str, scene: Any, first: Scene) -> None:
     """Check that a scene has the dimension and kinds of effects and shapes of the first one of its batch."""
     instance(name, scene, Scene)
     _HONORS.check(name, scene)
-    if isinstance(scene.packing.shapes, Beads):
+    if scene.packing.shapes.has_beads:
         raise ValueError(
             f"{name}.packing must be of discs, spheres, ellipses or spheroids for pm.ShearBatch, got Beads: "
             "pm.simulate and pm.oscillatory_shear step those"

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from packmech.effects import acting_friction, bonds_of
+from packmech.effects import bonds_of, friction_or_zero
 from packmech.effects.pair import hook_of
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -318,9 +318,8 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
         Time step, and the smallest mass.
 
     """
-    friction, bonds, springs = acting_friction(scene.effects), bonds_of(scene.effects), []
-    if friction is not None:
-        springs.append((friction.stiffness, friction.damping))
+    friction, bonds = friction_or_zero(scene.effects), bonds_of(scene.effects)
+    springs = [(friction.stiffness, friction.damping)]
     if bonds is not None:
         springs.append((bonds.tangential_stiffness, bonds.tangential_damping))
     fastest = _FASTEST[scene.packing.dimension] * stiffening(scene.packing)[1]

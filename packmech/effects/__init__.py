@@ -23,7 +23,7 @@ from packmech.effects.bonds import (
     unbonded,
 )
 from packmech.effects.damping import ContactDamping
-from packmech.effects.friction import Friction, acting_friction, friction_of
+from packmech.effects.friction import Friction, acting_friction, friction_of, friction_or_zero
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
 from packmech.effects.held import FixedParticles
 from packmech.effects.interaction import (
@@ -123,6 +123,7 @@ __all__ = [
     "effect",
     "energy_scale_of",
     "friction_of",
+    "friction_or_zero",
     "held_particles",
     "held_velocity",
     "is_bound",

@@ -46,3 +46,8 @@ def acting_friction(effects: tuple[Any, ...]) -> Friction | None:
     """Return the friction among the effects; None without, and where its coefficient is 0."""
     found = friction_of(effects)
     return found if found and found.coefficient > 0.0 else None
+
+
+def friction_or_zero(effects: tuple[Any, ...]) -> Friction:
+    """Return the friction that acts; one whose coefficient, spring and dashpot are 0 where none does."""
+    return acting_friction(effects) or Friction(0.0, 0.0, 0.0)

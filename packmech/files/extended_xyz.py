@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.files import columns
 from packmech.files.formats import SPHEROIDS, STEP, Format, Given
-from packmech.files.orientations import quaternions_to, rotations_of, spheroids_of
+from packmech.files.orientations import ellipsoids_of, rotations_of, spheroids_of
 from packmech.files.snapshot import Snapshot
-from packmech.shapes import Spheroids
 
 _ENTRY = re.compile(r"""([A-Za-z_][\w.\-]*|"[^"]*")(?:\s*=\s*("(?:[^"\\]|\\.)*"|'[^']*'|\{[^}]*\}|\[[^\]]*\]|\S+))?""")
 _NAMES = {
@@ -74,10 +73,10 @@ def _lines(snapshot: Snapshot) -> list[str]:
         if name in _VECTORS and packing.dimension == 2:
             array = np.column_stack([array, np.zeros(packing.particles)])
         table[_NAMES.get(name, name)] = array
-    if isinstance(packing.shapes, Spheroids):
-        along, across = packing.shapes.semi_axes(packing.radius_n)
-        table[_SHAPE] = np.column_stack([along, across, across])
-        table[_QUATERNION] = np.roll(quaternions_to(packing.shapes.director_nd), -1, axis=1)
+    ellipsoids = ellipsoids_of(packing)
+    if ellipsoids:
+        table[_SHAPE], quaternion = ellipsoids
+        table[_QUATERNION] = np.roll(quaternion, -1, axis=1)
     widths = {name: 1 if array.ndim == 1 else array.shape[1] for name, array in table.items()}
     properties = ":".join(f"{name}:{_LETTERS[array.dtype.kind]}:{widths[name]}" for name, array in table.items())
     head = [

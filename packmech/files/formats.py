@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance, positive, positive_array
 from packmech.files.snapshot import FIELD_WORDS, Snapshot
-from packmech.shapes import Spheroids
 
 # what formats may keep beside positions, radii, masses and the box
 LINKS, TANGENTIAL, SPHEROIDS, BODIES = "links", "tangential displacements", "spheroids", "rigid bodies"
@@ -158,7 +157,7 @@ class Format:
         shapes = snapshot.packing.shapes
         if not shapes.has_orientations:
             return ""
-        return SPHEROIDS if isinstance(shapes, Spheroids) else BODIES
+        return BODIES if shapes.has_beads else SPHEROIDS
 
     def kept(self, snapshot: Snapshot) -> Snapshot:
         """Return what the format keeps of the snapshot."""

@@ -44,11 +44,10 @@ from packmech.effects.bonds import Bonds
 from packmech.effects.laws import LinearSpring
 from packmech.files import columns
 from packmech.files.formats import BONDS, LINKS, SPHEROIDS, STEP, Format, Given, One
-from packmech.files.orientations import quaternions_to, rotations_of, spheroids_of
+from packmech.files.orientations import ellipsoids_of, rotations_of, spheroids_of
 from packmech.files.snapshot import Snapshot
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing, masses_of_density
-from packmech.shapes import Spheroids
 
 # LAMMPS's planes lie between these heights
 _LOW, _HIGH = -0.5, 0.5
@@ -559,10 +558,10 @@ def _dump_lines(snapshot: Snapshot, number: int) -> list[str]:
     arrays = columns.arrays_of_particles(snapshot)
     arrays.pop("type", None)
     table = {"id": np.arange(1, packing.particles + 1), "type": _types(snapshot), **columns.flat(arrays)}
-    if isinstance(packing.shapes, Spheroids):
-        along, across = packing.shapes.semi_axes(packing.radius_n)
-        table |= dict(zip(_SHAPE, (2.0 * along, 2.0 * across, 2.0 * across), strict=True))
-        table |= dict(zip(_QUATERNION, quaternions_to(packing.shapes.director_nd).T, strict=True))
+    ellipsoids = ellipsoids_of(packing)
+    if ellipsoids:
+        semi_axes, quaternion = ellipsoids
+        table |= dict(zip(_SHAPE, 2.0 * semi_axes.T, strict=True)) | dict(zip(_QUATERNION, quaternion.T, strict=True))
     if packing.dimension == 2:
         names = list(table)
         at = names.index("y") + 1

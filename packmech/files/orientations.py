@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.packing import Packing
 from packmech.shapes import Spheroids
 
 # by what numbers differ that are the same in single precision [1]
@@ -23,6 +24,15 @@ def quaternions_to(director_nd: NDArray[np.float64]) -> NDArray[np.float64]:
     back = turn[:, 0] < 1e-6
     turn[back] = (0.0, 0.0, 0.0, 1.0)
     return np.asarray(turn / np.sqrt((turn**2).sum(axis=1, keepdims=True)))
+
+
+def ellipsoids_of(packing: Packing) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Return (N, 3) semi-axes, first along directors, and (N, 4) quaternions of ellipses and spheroids; else None."""
+    shapes = packing.shapes
+    if not isinstance(shapes, Spheroids):
+        return None
+    along, across = shapes.semi_axes(packing.radius_n)
+    return np.column_stack([along, across, across]), quaternions_to(shapes.director_nd)
 
 
 def rotations_of(quaternion_nq: Any) -> NDArray[np.float64]:

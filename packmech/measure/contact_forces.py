@@ -23,6 +23,7 @@ from packmech.effects import (
     contact_terms,
     find_interactions,
     friction_of,
+    friction_or_zero,
     held_particles,
     refuse_unknown_to_shapes,
     shaped_terms,
@@ -320,8 +321,7 @@ def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _coefficient(scene: Scene) -> float:
-    friction = friction_of(scene.effects)
-    return 0.0 if friction is None else friction.coefficient
+    return friction_or_zero(scene.effects).coefficient
 
 
 @honors("repulsion friction gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)

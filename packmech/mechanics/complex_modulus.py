@@ -30,9 +30,9 @@ from packmech.contacts.tangential_elements import tangential_elements
 from packmech.display import shown
 from packmech.effects import (
     BackgroundDamping,
-    acting_friction,
     bonds_of,
     friction_of,
+    friction_or_zero,
     is_bound,
     pair_first,
     refuse_tangential_bonds,
@@ -171,7 +171,7 @@ class _ViscoelasticResponse:
 
 def _touching(scene: Scene, found: Contacts | ShapeContacts) -> tuple[Elements, Elements]:
     """Return the springs and the dashpots of contacts, those across them among these where there is friction."""
-    terms, friction = closed_terms(scene, found), acting_friction(scene.effects)
+    terms, friction = closed_terms(scene, found), friction_or_zero(scene.effects)
     acting, sigma = [one for one in scene.effects if not is_bound(one)], found.contact_distance_c
     damping = [
         sum(pair_first(one, r, s, 1.0) - pair_first(one, r, s, 0.0) for one in acting)
@@ -184,10 +184,10 @@ def _touching(scene: Scene, found: Contacts | ShapeContacts) -> tuple[Elements, 
     )
     springs, dashpots = elements_of(found, terms.first_c, terms.second_c), elements_of(found, slack, damping_c)
     radius = scene.packing.radius_n
-    if friction is not None and friction.stiffness:
+    if friction.stiffness:
         across = tangential_forces(scene, found, -terms.first_c).force_cd
         springs = tangential_elements(found, radius, terms.first_c, terms.second_c, across, friction.stiffness)[0]
-    if friction is not None and friction.damping:
+    if friction.damping:
         dashpots = tangential_elements(found, radius, slack, damping_c, none, friction.damping)[0]
     return springs, dashpots
 

@@ -26,7 +26,7 @@ from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import pair_rows
 from packmech.contacts.tangential_elements import tangential_elements
 from packmech.display import shown
-from packmech.effects import ContactTerms, acting_friction
+from packmech.effects import ContactTerms, friction_or_zero
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
@@ -91,16 +91,15 @@ def frictional_system(
     scene: Scene, found: FrictionalNetwork, kind: Kind, sliding_c: NDArray[np.bool_]
 ) -> tuple[System, NDArray[np.float64]]:
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
-    network, terms, friction = found.network, found.terms, acting_friction(scene.effects)
-    coefficient, stiffness = (0.0, 0.0) if friction is None else (friction.coefficient, friction.stiffness)
+    network, terms, friction = found.network, found.terms, friction_or_zero(scene.effects)
     contacts, beyond = tangential_elements(
         network.contacts,
         network.packing.radius_n,
         terms.first_c,
         terms.second_c,
         found.forces.tangential_cd,
-        stiffness,
-        coefficient,
+        friction.stiffness,
+        friction.coefficient,
         sliding_c,
         kind,
     )

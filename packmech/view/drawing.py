@@ -23,7 +23,6 @@ from packmech.links import number_by_first
 from packmech.measure.stress import tension_of
 from packmech.packing import Packing
 from packmech.scene import Scene
-from packmech.shapes import Spheroids
 
 # dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
 BACKGROUND = (13, 17, 26)
@@ -351,7 +350,7 @@ def sites_of(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[
     along, across = bodies.semi_axes(packing.radius_n)
     place_bd = center_kd[of_b] + bodies.arms(packing.radius_n)[site_b]
     shown = along[site_b], across[site_b], bodies.axis_bd[site_b], owner_k[of_b]
-    return Sites(place_bd, *shown, round=not isinstance(bodies, Spheroids))
+    return Sites(place_bd, *shown, round=np.array_equal(along, across))
 
 
 def projected(place_kd: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from packmech.effects import ContactDamping
 from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.minimize.passes.kernels import RUNNING, Goal, clear, judge, move_pass, moved_far, net_forces, survey
 from packmech.minimize.passes.pair_list import follow
-from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows
+from packmech.minimize.passes.shape_rows import ROWS_WITH_SHAPES
 from packmech.minimize.passes.single_rows import RowsHeld
 from packmech.minimize.program import Program, Progress
 
@@ -83,12 +83,12 @@ class _Damped(NamedTuple):
 
 def _without_laws(effects: Any) -> Any:
     """Return what shapes particles and what holds them, among the effects in a loop."""
-    return tuple(one for one in effects if isinstance(one, ShapeRows | BeadRows | RowsHeld))
+    return tuple(one for one in effects if isinstance(one, (*ROWS_WITH_SHAPES, RowsHeld)))
 
 
 @compiled_form(_without_laws)
 def _choose_without_laws(effects: Any) -> Any:
-    kinds = (ShapeRows, BeadRows, RowsHeld)
+    kinds = (*ROWS_WITH_SHAPES, RowsHeld)
     places = [k for k, one in enumerate(effects) if getattr(one, "instance_class", None) in kinds]
     if not places:
         return lambda effects: ()

@@ -55,6 +55,10 @@ class BeadRows(NamedTuple):
     dimension: int
 
 
+# the kinds of rows that say how particles are shaped
+ROWS_WITH_SHAPES = (ShapeRows, BeadRows)
+
+
 class RowLaws(NamedTuple):
     """What acts between rows: effects, the shapes among them (None without), axes, and the rows."""
 
@@ -117,12 +121,12 @@ def _kind(one: Any) -> Any:
 
 def shapes_of(effects: Any) -> Any:
     """Return the shapes among the effects; None where there are none."""
-    return next((one for one in effects if isinstance(one, ShapeRows | BeadRows)), None)
+    return next((one for one in effects if _kind(one) in ROWS_WITH_SHAPES), None)
 
 
 @compiled_form(shapes_of)
 def _choose_shapes_of(effects: Any) -> Any:
-    places = [k for k, one in enumerate(effects) if _kind(one) in (ShapeRows, BeadRows)]
+    places = [k for k, one in enumerate(effects) if _kind(one) in ROWS_WITH_SHAPES]
     if not places:
         return lambda effects: None
     place = places[0]
