@@ -437,7 +437,7 @@ class Engine:
             bonds = bonds_of(self.scene.effects)
             assert bonds is not None
             table = bond_table(bonds, self.order_n, self.wrap_nd, self.change_dd, bond_stretches(table))
-        self.space = Space(self.space.sizes, frame, bonds=table, flow=flow)
+        self.space = Space(self.space.sizes, frame, bonds=table, flow=flow, held=self.space.held)
         self._link_rows()
         skin, beyond = (float(self.pairs.number[one]) for one in (SKIN_FULL, BEYOND))
         self.pairs = empty_list(len(self.order_n), skin, beyond, row_b=self.pairs.row_b, width=self.state.push.shape[1])
@@ -753,7 +753,13 @@ def build_engine(
             np.zeros((n, d + spins)) if lead else None,
             lead,
         ),
-        space=Space(size_levels(body[:, 3].copy()), frame_of(small), bonds=table, flow=flow),
+        space=Space(
+            size_levels(body[:, 3].copy()),
+            frame_of(small),
+            bonds=table,
+            flow=flow,
+            held=None if fixed_n is None else fixed_n[order],
+        ),
         pairs=empty_list(
             n, skin, reach_beyond_contact(scene.effects, packing.radius_n), row_b=blocks_of(n), width=d + spins
         ),

@@ -16,16 +16,16 @@ from packmech.effects.body import (
 )
 from packmech.effects.bonds import (
     Bonds,
+    acting_contacts,
     bonds_of,
     links_and_bonds,
     refuse_tangential_bonds,
     refuse_tangential_springs,
-    unbonded,
 )
 from packmech.effects.damping import ContactDamping
 from packmech.effects.friction import Friction, acting_friction, friction_of, friction_or_zero
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
-from packmech.effects.held import FixedParticles
+from packmech.effects.held import FixedParticles, held_particles
 from packmech.effects.interaction import (
     Interactions,
     bonded_pairs,
@@ -69,7 +69,6 @@ from packmech.effects.single import (
     ShapedTerms,
     SingleTerms,
     acts_on_single,
-    held_particles,
     held_velocity,
     lacking_second,
     needs_second,
@@ -153,7 +152,7 @@ __all__ = [
     "single_terms",
     "total_push",
     "spin_drag",
-    "unbonded",
+    "acting_contacts",
     "wall_sides",
 ]
 

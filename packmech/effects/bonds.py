@@ -13,6 +13,7 @@ from packmech.check import finite_array, instance, integer_array, one_of, positi
 from packmech.contacts import Contacts, find_contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.display import shown
+from packmech.effects.held import held_particles
 from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 from packmech.honors import honors
@@ -147,9 +148,11 @@ def bonds_of(effects: tuple[Any, ...]) -> Bonds | None:
     return next((one for one in effects if isinstance(one, Bonds) and len(one)), None)
 
 
-def unbonded(contacts: T, effects: tuple[Any, ...]) -> T:
-    """Return the contacts of pairs that no bond joins at the same image."""
-    bonds = bonds_of(effects)
+def acting_contacts(contacts: T, effects: tuple[Any, ...]) -> T:
+    """Return the contacts that push something: of pairs that no bond joins at the same image, and not of two held."""
+    held, bonds = held_particles(effects, contacts.particles), bonds_of(effects)
+    if held is not None:
+        contacts = cast(T, contacts.select(~(held[contacts.i_c] & held[contacts.j_c])))
     if bonds is None:
         return contacts
     named = (contacts.i_c, contacts.j_c, contacts.image_cd)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ class FixedParticles:
     """Particles that stay where they are, whatever pushes them: rough walls and hoppers are made of them.
 
     Ellipses, spheroids and rigid bodies keep their directions, too. Nothing else distinguishes them: others touch them
-    as they touch each other. What holds them takes up their net force, so that `forces` is zero for them. With a
+    as they touch each other. Two that are held do not push each other, however they overlap: no contact, energy or
+    stress is counted between them. What holds them takes up their net force, so that `forces` is zero for them. With a
     velocity they are moved all the same way, whatever pushes them: then nothing is at rest, and calls of what is at
     rest refuse them.
 
@@ -84,3 +85,24 @@ class FixedParticles:
         held = np.zeros(count, dtype=bool)
         held[list(self.particles)] = True
         return held
+
+
+def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_] | None:
+    """Return the (N,) mask of held particles; None where none is held.
+
+    Raises
+    ------
+    ValueError
+        If one is held that is not there.
+
+    """
+    held = None
+    for k, one in enumerate(effects):
+        if isinstance(one, FixedParticles):
+            if one.particles and one.particles[-1] >= particles:
+                raise ValueError(
+                    f"scene.effects[{k}].particles must be below {particles}, the number of particles, got "
+                    f"{one.particles[-1]}"
+                )
+            held = one.marked(particles) if held is None else held | one.marked(particles)
+    return held

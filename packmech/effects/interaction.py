@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from packmech.contacts.elements import Elements
 from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
-from packmech.effects.bonds import bonds_of, unbonded
+from packmech.effects.bonds import acting_contacts, bonds_of
 from packmech.effects.laws import law_energy, law_first, law_second
 from packmech.effects.pair import hook_of
 from packmech.jit.compiled import compiled_form, kernel
@@ -236,7 +236,7 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
         pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=beyond)
     near = pair_contacts(packing, *pairs)
     if acting:
-        near = unbonded(near, effects)
+        near = acting_contacts(near, effects)
         near = near.select(~Excluded(packing).mask(near.i_c, near.j_c, near.image_cd))
     energy, first, second = np.zeros(len(near)), np.zeros((len(near), 2)), np.zeros((len(near), 2, 2))
     alignment, turning, bending = _alignments(packing, near)

@@ -105,27 +105,6 @@ def held_velocity(effects: tuple[Any, ...], particles: int, dimension: int) -> N
     return velocity
 
 
-def held_particles(effects: tuple[Any, ...], particles: int) -> NDArray[np.bool_] | None:
-    """Return the (N,) mask of held particles; None where none is held.
-
-    Raises
-    ------
-    ValueError
-        If one is held that is not there.
-
-    """
-    held = None
-    for k, one in enumerate(effects):
-        if isinstance(one, FixedParticles):
-            if one.particles and one.particles[-1] >= particles:
-                raise ValueError(
-                    f"scene.effects[{k}].particles must be below {particles}, the number of particles, got "
-                    f"{one.particles[-1]}"
-                )
-            held = one.marked(particles) if held is None else held | one.marked(particles)
-    return held
-
-
 @device
 def _size(vector: Any) -> float:
     square = vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2]

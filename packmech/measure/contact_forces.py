@@ -19,6 +19,7 @@ from packmech.display import shown
 from packmech.effects import (
     Interactions,
     ShapedTerms,
+    acting_contacts,
     acts_on_single,
     contact_terms,
     find_interactions,
@@ -29,7 +30,6 @@ from packmech.effects import (
     shaped_terms,
     single_terms,
     total_push,
-    unbonded,
 )
 from packmech.effects.single import SingleTerms
 from packmech.honors import STRAINED, honors
@@ -366,7 +366,7 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
     """
     instance("scene", scene, Scene)
     refuse_unknown_to_shapes(scene)
-    contacts = unbonded(touching_pairs(scene.packing, second=second), scene.effects)
+    contacts = acting_contacts(touching_pairs(scene.packing, second=second), scene.effects)
     terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
     # 0 - u', so that a contact without a force has 0 and not -0
     normal = 0.0 - terms.first_c * contacts.push_c
@@ -464,4 +464,4 @@ def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
         return resting_forces(scene).rattlers_n
     if packing.links and not acts_on_single(effects):
         return find_rattling_clusters(packing).rattling_n
-    return rattlers_among(packing, unbonded(touching_pairs(packing, None), effects), effects)
+    return rattlers_among(packing, acting_contacts(touching_pairs(packing, None), effects), effects)

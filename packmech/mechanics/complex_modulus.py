@@ -30,6 +30,7 @@ from packmech.contacts.tangential_elements import tangential_elements
 from packmech.display import shown
 from packmech.effects import (
     BackgroundDamping,
+    acting_contacts,
     bonds_of,
     friction_of,
     friction_or_zero,
@@ -39,7 +40,6 @@ from packmech.effects import (
     refuse_unknown_to_shapes,
     single_terms,
     total_push,
-    unbonded,
 )
 from packmech.effects.single import places_in_cell
 from packmech.honors import honors
@@ -254,7 +254,7 @@ def complex_modulus(
     drag = _drag(scene)
     refuse_unknown_to_shapes(scene)
     refuse_tangential_bonds(scene.effects, packing.shapes)
-    contacts = unbonded(touching_pairs(packing, None, second=True), scene.effects)
+    contacts = acting_contacts(touching_pairs(packing, None, second=True), scene.effects)
     # bonds of other shapes than discs and spheres turn none
     rough = friction_of(scene.effects) or (not packing.shapes.has_orientations and bonds_of(scene.effects))
     turn = packing.spin_nkk if rough else packing.turn_nkt

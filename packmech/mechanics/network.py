@@ -14,7 +14,7 @@ from packmech.check import one_of
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import Interactions, acts_on_single, find_interactions, held_particles, unbonded
+from packmech.effects import Interactions, acting_contacts, acts_on_single, find_interactions, held_particles
 from packmech.measure.rattlers import rattlers_among
 from packmech.packing import Packing
 
@@ -131,7 +131,7 @@ def contact_network(
 
     """
     one_of("rattlers", rattlers, RATTLERS)
-    contacts = unbonded(touching_pairs(packing, gap_tolerance, second=second), effects)
+    contacts = acting_contacts(touching_pairs(packing, gap_tolerance, second=second), effects)
     kept = np.ones(packing.particles, dtype=bool)
     if rattlers == "remove":
         kept = ~rattlers_among(packing, contacts, effects)

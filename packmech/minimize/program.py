@@ -16,7 +16,7 @@ from packmech.check import finite_array, instance, integer, positive, real
 from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
-from packmech.effects import is_interaction, pair_energy, reach_beyond_contact
+from packmech.effects import held_particles, is_interaction, pair_energy, reach_beyond_contact
 from packmech.effects.pair import pair_elastic
 from packmech.loop.run_loop import RunLoop, RunSettings
 from packmech.minimize.passes.interaction_rows import bonded_rows
@@ -594,6 +594,7 @@ def build_program(scene: Scene) -> Program:
     effects = (*effects, *bonds, *single, *shape_rows(packing, order))
     sizes = size_levels(row[: packing.particles, 3].copy())
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
+    held = held_particles(scene.effects, packing.particles)
     diverges = _diverges(scene)
     program = Program(
         scene=scene,
@@ -607,7 +608,13 @@ def build_program(scene: Scene) -> Program:
         wrap_nd=wrap,
         box=packing.box,
         change_dd=change,
-        space=Space(sizes, frame_of(small), bonds=bonded, resolution=np.zeros(1)),
+        space=Space(
+            sizes,
+            frame_of(small),
+            bonds=bonded,
+            resolution=np.zeros(1),
+            held=None if held is None else held[order],
+        ),
         pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing.radius_n)),
         diverges=diverges,
         bearable_overlap=_bearable_overlap(scene, diverges),

@@ -82,3 +82,20 @@ def test_velocities_are_checked():
         pm.simulate(scene, steps=1, dt=0.1)
     with pytest.raises(ValueError, match="velocity"):
         pm.FixedParticles((0,), (np.nan, 0.0))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_two_that_are_held_do_not_push_each_other_however_they_overlap(d):
+    place = np.full((4, d), 2.0)
+    place[:, 0] = [1.0, 1.7, 2.6, 3.5]
+    packing = pm.Packing(place, [0.5] * 4, pm.Box.cubic(8.0, d))
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.FixedParticles((0, 1))))
+    # pairs 1-2 and 2-3 overlap by .1 and balance on 2; 3 is pushed away
+    found = pm.contact_forces(scene)
+    assert found.contacts.i_c.tolist() == [1, 2] and found.normal_c == pytest.approx(0.1)
+    assert pm.energy(scene) == pytest.approx(2 * 0.005)
+    assert pm.stress_tensor(scene)[0, 0] == pytest.approx(-2 * 0.1 * 0.9 / packing.box.volume)
+    run = pm.simulate(scene, steps=1, dt=1e-6, trace_every=1)
+    assert run.trace.contacts_t[0] == 2 and run.trace.energy_t[0] == pytest.approx(0.01)
+    at_rest = pm.quench(scene, force_tolerance=1e-9)
+    assert at_rest.outcome is pm.Outcome.UNJAMMED and at_rest.packing.position_nd[:2] == pytest.approx(place[:2])

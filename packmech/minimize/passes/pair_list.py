@@ -54,8 +54,8 @@ NO_SLOT = np.uint32(0xFFFFFFFF)
 class Space(NamedTuple):
     """The surroundings of particles, which all of them share; parts that a scene lacks are None.
 
-    sizes and box; links; bonds, whose pairs are no contacts; how the box deforms; and, in an array of one number, the
-    resolution of positions, rounding times extent.
+    sizes and box; links; bonds, whose pairs are no contacts; how the box deforms; in an array of one number, the
+    resolution of positions, rounding times extent; and which rows are held, pairs of which push nothing.
     """
 
     sizes: Sizes
@@ -64,6 +64,7 @@ class Space(NamedTuple):
     bonds: Any = None
     flow: Any = None
     resolution: Any = None
+    held: Any = None
 
 
 class Slots(NamedTuple):
@@ -452,6 +453,22 @@ without_bonded = by_type(
 )
 
 
+@device
+def _without_held(held_n, found):
+    kept = 0
+    bits = np.uint64(found.bits)
+    for p in range(found.i_p.shape[0]):
+        if not (held_n[found.i_p[p]] and held_n[np.int64(found.code_p[p] >> bits)]):
+            found.i_p[kept] = found.i_p[p]
+            found.code_p[kept] = found.code_p[p]
+            kept += 1
+    return PairTable(found.i_p[:kept], found.code_p[:kept], found.image_kd, found.bits)
+
+
+# the pairs of a search of which one particle at least is free
+without_held = by_type(_without_held, {type(None): lambda held_n, found: found})
+
+
 # numbers of pairs that lists carry along
 
 
@@ -642,7 +659,7 @@ def follow(axes, row, space, pairs, track):
     store_track(track, pairs)
     reach = pairs.number[BEYOND] + pairs.number[SKIN_FULL]
     found = find_pairs(axes, row[: pairs.anchor_nd.shape[0]], space.sizes, space.frame, 1.0, reach)
-    found = without_linked(space.links, without_bonded(space.bonds, found))
+    found = without_linked(space.links, without_bonded(space.bonds, without_held(space.held, found)))
     new = _rebuilt(found, row, pairs)
     track = carried_track(track, pairs, new)
     mark_strain(space.flow, OUTER)
