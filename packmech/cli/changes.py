@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +15,8 @@ from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_
 
 # pressure at which a scene is jammed that gets friction here [energy_scale / diameter^d]
 _PRESSED = 1e-3
+# packing fraction from which it is pressed then, by dimension: what begins denser than friction lets it jam stays so
+_LOOSE = {2: 0.7, 3: 0.5}
 
 
 @Parameter(name="*")
@@ -35,8 +38,8 @@ class Changes:
     law
         of the repulsion: harmonic, hertz, ...
     friction
-        Coulomb's coefficient; adds friction to a scene without, which is then jammed at a pressure of 1e-3 unless
-        another one is given
+        Coulomb's coefficient; adds friction to a scene without, which is then jammed at a pressure of 1e-3, from a
+        random start at a packing fraction of at most 0.7 (0.5 in space), unless others are given
 
     """
 
@@ -63,6 +66,10 @@ class Changes:
                 # what is pressed in time takes ever longer to come to rest at ever lower pressures
                 if isinstance(drive, dict) and drive.get("kind") == "jam":
                     drive["pressure"] = max(_PRESSED, drive.get("pressure", _PRESSED))
+                    packing = tables.get("packing", {})
+                    if packing.get("kind") == "random" and packing.get("shapes") is None:
+                        loose = _LOOSE.get(self.dimension or packing.get("dimension", 2), math.inf)
+                        packing["packing_fraction"] = min(loose, packing.get("packing_fraction", loose))
             changes["effects.friction.coefficient"] = self.friction
         return changed_tables(tables, seed=seed, changes=changes), folder
 

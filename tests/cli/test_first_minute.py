@@ -27,7 +27,7 @@ def test_a_new_scene_is_what_its_options_say_and_every_field_has_a_comment(folde
     execute(["new", "mine.toml", *words, "--set", "drive.pressure=2e-3", "--set", 'packing.sizes="monodisperse"'])
     scene = pm.read_scene(folder / "mine.toml")
     assert (scene.packing.particles, scene.packing.dimension) == (20, 3)
-    assert scene.packing == pm.random_packing(20, dimension=3, packing_fraction=0.87, sizes=pm.Monodisperse(), seed=7)
+    assert scene.packing == pm.random_packing(20, dimension=3, packing_fraction=0.5, sizes=pm.Monodisperse(), seed=7)
     assert scene.effects == (pm.Repulsion(pm.Hertz()), pm.Friction(0.3))
     assert scene.drive == pm.JamDrive(pressure=2e-3)
     lines = (folder / "mine.toml").read_text().splitlines()
