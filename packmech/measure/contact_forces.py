@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import functools
-import warnings
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance
+from packmech.check import instance, warn
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
@@ -211,11 +210,10 @@ class ContactForces:
         """Warn of rattlers that are left out of an answer where the forces do not balance."""
         if left_out and not self.at_rest:
             count = self.scene.packing.particles
-            warnings.warn(
+            warn(
                 f"scene should be at rest, got force residual {self.residual:.2g}: {left_out} of {count} particles "
                 "count as rattlers by contacts that do not balance, and are left out; relax it first with pm.quench "
                 'or pm.jam, or take all particles with rattlers="keep"',
-                stacklevel=5,
             )
 
     @functools.cached_property

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-import warnings
 
-from packmech.check import instance, one_of
+from packmech.check import instance, one_of, warn
 from packmech.contacts.fused_volume import shared_volume
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
@@ -84,11 +83,10 @@ def coordination_number(packing: Packing, *, gap_tolerance: float | None = None,
     if not kept:
         overlapping = int((contacts.overlap_c > _ROUNDING * contacts.contact_distance_c).sum())
         if overlapping:
-            warnings.warn(
+            warn(
                 f"packing should be at rest, got {overlapping} pairs that overlap and no particle that they hold: all "
                 "rattle; relax it first with pm.quench or pm.jam; where friction, weights or walls hold it, "
                 'pm.contact_forces(scene) tells; rattlers="keep" counts all contacts',
-                stacklevel=3,
             )
         return 0.0
     return 2.0 * len(contacts.among(~rattling)) / kept

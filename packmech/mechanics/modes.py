@@ -235,7 +235,7 @@ def normal_modes(
         worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
     whole = resting_forces(scene)
-    whole.warn_of_rattlers(packing.particles - kept)
+    whole.warn_of_rattlers(packing.particles - len(network.index_n))
     vector = signed_columns(vector)
     motion = np.zeros((wanted, *free_nq.shape))
     motion[:, free_nq] = vector[: len(root)].T
