@@ -97,7 +97,7 @@ def jam(
         energy.
     strain
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "isotropic": the box keeps its
-        shape.
+        shape, the default of `sweep_pressure`.
     method
         HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links or shapes,
         where only it, Press and StepHalving with a fixed box know the way), Press() (with friction the default, and the
