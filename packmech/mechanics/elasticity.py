@@ -95,7 +95,7 @@ class Average:
 def _headline(one: Moduli) -> str:
     words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}"
     if len(one.at_limit_k):
-        words += f"; {len(one.at_limit_k)} contacts at the Coulomb limit: {one.contacts_at_limit!r}"
+        words += f"; {len(one.at_limit_k)} at the Coulomb limit: {one.contacts_at_limit!r}"
     return unless_at_rest(one.force_residual, one.at_rest, words)
 
 

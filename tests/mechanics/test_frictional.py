@@ -180,6 +180,16 @@ def test_without_friction_it_is_the_hessian_and_no_bit_of_the_moduli_differs(dim
     assert moduli.contacts == told.contacts and not len(moduli.at_limit_k)
 
 
+def test_moduli_with_friction_say_what_contacts_at_the_limit_do():
+    rough = pressed(2)
+    for choice, said in (("stick", "stick"), ("slip", "slip"), ([[0.0, 1.0], [1.0, 0.0]], "strain")):
+        moduli = pm.elastic_moduli(rough, contacts_at_limit=choice)
+        assert moduli.contacts_at_limit == said and len(moduli.at_limit_k)
+        assert f"{len(moduli.at_limit_k)} at the Coulomb limit: '{said}'" in repr(moduli)
+    smooth = rough.replace(packing=rough.packing.replace(tangential=None)).without(pm.Friction)
+    assert pm.elastic_moduli(smooth, rattlers="keep").contacts_at_limit == ""
+
+
 @pytest.mark.parametrize("stiffness", [0.3, 2.0])
 def test_springs_across_the_contacts_of_a_triangular_lattice_add_to_its_shear_modulus(stiffness):
     """B = sqrt(3)/2 k_n, G = sqrt(3)/4 (k_n + k_t): no disc turns, and each of its contacts does as the box does."""
