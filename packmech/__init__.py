@@ -14,10 +14,11 @@ from typing import Any
 __version__ = "0.1.0"
 
 
-def _read() -> dict[str, dict[str, str]]:
-    """Return subject -> public name -> module that holds it, as __init__.pyi lists them."""
+def _read() -> tuple[dict[str, dict[str, str]], dict[str, list[str]]]:
+    """Return subject -> public name -> module that holds it, and everyday word -> names, as __init__.pyi has them."""
     found: dict[str, dict[str, str]] = {}
     names: dict[str, str] = {}
+    words: dict[str, list[str]] = {}
     with open(f"{os.path.splitext(__file__)[0]}.pyi", encoding="utf-8") as file:
         lines = file.read().splitlines()
     for line in lines[1:]:
@@ -25,10 +26,12 @@ def _read() -> dict[str, dict[str, str]]:
             names = found.setdefault(line[2:], {})
         elif named := re.fullmatch(r"from (\S+) import (\w+) as \2", line):
             names[named[2]] = named[1]
-    return found
+        elif said := re.fullmatch(r"#: (.+) -> (.+)", line):
+            words |= dict.fromkeys(said[1].split(", "), said[2].split(", "))
+    return found, words
 
 
-_SUBJECTS = _read()
+_SUBJECTS, _WORDS = _read()
 _PUBLIC = {name: module for names in _SUBJECTS.values() for name, module in names.items()}
 
 __all__ = sorted(_PUBLIC)
@@ -40,7 +43,8 @@ def help(word: str = "") -> None:
     Parameters
     ----------
     word
-        Only names, lines and subjects in which this stands.
+        Only names, lines and subjects in which this stands, all its words; everyday words and symbols, such as "DOS",
+        find what they are called here.
 
     Examples
     --------
@@ -52,7 +56,7 @@ def help(word: str = "") -> None:
     """
     from packmech.docstrings import print_subjects
 
-    print_subjects(_SUBJECTS, word)
+    print_subjects(_SUBJECTS, word, _WORDS)
 
 
 def __getattr__(name: str) -> Any:
@@ -62,10 +66,15 @@ def __getattr__(name: str) -> Any:
             raise AttributeError(f"module 'packmech' has no attribute {name!r}")
         from packmech.check import did_you_mean
 
-        near = did_you_mean(name, _PUBLIC)
+        known = _WORDS.get(name.lower())
+        near = f"; did you mean {' or '.join(map(repr, known))}?" if known else did_you_mean(name, _PUBLIC)
         raise AttributeError(f"module 'packmech' has no attribute {name!r}{near or '; pm.help() lists what there is'}")
     found = importlib.import_module(module)
     value = getattr(found, name, None) or importlib.import_module(f"{module}.{name}")
+    if isinstance(value, type):
+        from packmech.check import tell
+
+        tell(value)
     globals()[name] = value
     return value
 

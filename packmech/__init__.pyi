@@ -336,6 +336,30 @@ from packmech.scene import drive as drive
 from packmech.scenes.recipes import packing_kind as packing_kind
 from packmech.jit.compiled import kernel as kernel
 
+#: shear_modulus, bulk_modulus, young_modulus, poisson_ratio, elastic_constants, elasticity -> elastic_moduli
+#: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
+#: dos, vdos, vibrational_density, phonons, spectrum -> density_of_states
+#: eigenmodes, vibrations, normal_mode, frequencies -> normal_modes
+#: z, coordination, contact_number -> coordination_number
+#: z_iso, isostatic, isostaticity, excess_contacts -> classify_jamming, contact_forces
+#: phi, volume_fraction, density -> packing_fraction
+#: g, g_r, rdf, radial_distribution -> pair_distribution
+#: s_k, s_q, hyperuniformity -> structure_factor
+#: psi6, psi_6, hexatic, steinhardt -> bond_orientational_order
+#: msd, mean_square_displacement, diffusion, trajectory -> simulate, read_trajectory
+#: minimize, relax, energy_minimization -> quench
+#: viscosity, flow -> steady_shear
+#: yield_stress -> steady_shear, quasistatic_shear
+#: aqs -> quasistatic_shear
+#: force_network, overlaps, normal_forces -> contact_forces
+#: rattlers -> find_rattlers
+#: import, load, open, read -> read_packing, read_trajectory, from_ase
+#: export, save, write -> write_packing, write_trajectory, to_ase
+#: draw, figure, show -> plot
+#: lammps, gsd, xyz, vtk -> read_packing, write_packing
+#: stress -> stress_tensor
+#: discs, disks, spheres, bidisperse_packing -> random_packing
+
 __version__: str
 
 def help(word: str = "") -> None: ...

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import inspect
 import math
 import operator
+import sys
+import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, ParamSpec, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +24,8 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 AtLimit = Literal["stick", "slip"]
 AT_LIMIT: tuple[AtLimit, ...] = get_args(AtLimit)
 Word = TypeVar("Word", bound=str)
+P = ParamSpec("P")
+R = TypeVar("R")
 
 
 def _shape_text(shape: Sequence[int | None]) -> str:
@@ -209,7 +214,14 @@ def instance(name: str, value: Any, kind: type, article: str = "a") -> None:
 
     """
     if not isinstance(value, kind):
-        raise TypeError(f"{name} must be {article} {kind.__name__}, got {brief(value)}")
+        # both have their names from rooms above
+        way = ": pm.Scene(packing, effects=(pm.Repulsion(),)) makes one of it" if _is_bare(value, kind) else ""
+        raise TypeError(f"{name} must be {article} {kind.__name__}, got {brief(value)}{way}")
+
+
+def _is_bare(value: Any, kind: type) -> bool:
+    """Return whether a packing was given where a scene is asked for."""
+    return kind.__name__ == "Scene" and type(value).__name__ == "Packing"
 
 
 def function(name: str, value: Any) -> None:
@@ -253,6 +265,50 @@ def table(name: str, value: Any) -> None:
     """
     if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
         raise TypeError(f"{name} must be a mapping from names, got {brief(value)}")
+
+
+def warn(message: str) -> None:
+    """Give a UserWarning at the line that called packmech."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "packmech":
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, stacklevel=level)
+
+
+def told(call: Callable[P, R]) -> Callable[P, R]:
+    """Return a public function whose errors of arguments name the one that was probably meant (`call_fault`)."""
+
+    @functools.wraps(call)
+    def wrapped(*given: P.args, **named: P.kwargs) -> R:
+        try:
+            return call(*given, **named)
+        except TypeError:
+            fault = call_fault(call, given, named)
+            if fault:
+                raise TypeError(fault) from None
+            raise
+
+    return wrapped
+
+
+def tell(kind: type) -> None:
+    """Have a class say at a wrong field, too, which one was probably meant, as `told` has a function do it."""
+    maker = "__new__" if hasattr(kind, "_fields") else "__init__"
+    make: Any = getattr(kind, maker)
+    if maker not in kind.__dict__ or not inspect.isfunction(make) or hasattr(make, "__wrapped__"):
+        return
+
+    @functools.wraps(make)
+    def wrapped(*given: Any, **named: Any) -> Any:
+        try:
+            return make(*given, **named)
+        except TypeError:
+            fault = call_fault(kind, given[1:], named)
+            if fault:
+                raise TypeError(fault) from None
+            raise
+
+    setattr(kind, maker, staticmethod(wrapped) if maker == "__new__" else wrapped)
 
 
 def call_fault(call: Callable[..., Any], given: Sequence[Any], named: Mapping[str, Any]) -> str:

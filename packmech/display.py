@@ -31,7 +31,8 @@ def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:
     Parameters
     ----------
     headline
-        What the first line says of a record besides its class; its length where it has one unless given.
+        What the first line says of a record besides its class, and perhaps a second line; its length where it has one
+        unless given.
 
     """
 
@@ -119,9 +120,13 @@ def _cut(text: str, letters: int) -> str:
 
 
 def as_text(name: str, headline: str, rows: list[Row], further: str = "") -> str:
-    """Return the repr of a result: a first line, and its rows below each other, at most a dozen lines."""
-    first = _cut(f"<packmech.{name}> {headline}".rstrip(), LETTERS)
-    most = LINES - 1 if len(rows) < LINES else LINES - 2
+    """Return the repr of a result: a first line, and its rows below each other, at most a dozen lines.
+
+    A headline of several lines is one that a reader must see first.
+    """
+    first, *others = (_cut(line, LETTERS) for line in f"<packmech.{name}> {headline}".rstrip().splitlines())
+    fit = LINES - 1 - len(others)
+    most = fit if len(rows) <= fit else fit - 1
     kept = rows[:most]
     first_wide, last_wide = (max((len(row[k]) for row in kept), default=0) for k in (0, 2))
     room = LETTERS - first_wide - min(last_wide, LETTERS // 2) - 6
@@ -129,7 +134,7 @@ def as_text(name: str, headline: str, rows: list[Row], further: str = "") -> str
     wide = max((len(value) for value, row in zip(values, kept, strict=True) if row[2]), default=0)
     lines = [f"  {a:{first_wide}}  {value:{wide}}  {c}".rstrip() for (a, _, c), value in zip(kept, values, strict=True)]
     more = [_cut(f"  {further}and " + ", ".join(row[0] for row in rows[most:]), LETTERS)] if rows[most:] else []
-    return "\n".join([first, *(_cut(line, LETTERS) for line in lines), *more])
+    return "\n".join([first, *(f"  {line}" for line in others), *(_cut(line, LETTERS) for line in lines), *more])
 
 
 def as_html(name: str, headline: str, rows: list[Row], record: Any) -> str:

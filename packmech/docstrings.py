@@ -6,8 +6,10 @@ import importlib
 import inspect
 import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+from packmech.check import did_you_mean
 
 _TAKEN = re.compile(r"(?:As of|What) `?pm\.(\w+)")
 _UNIT = re.compile(r"\[([^\[\]]*)\]")
@@ -76,13 +78,31 @@ def unit_in(meaning: str) -> str:
     return found[1] if found else ""
 
 
-def print_subjects(subjects: Mapping[str, Mapping[str, str]], word: str = "") -> None:
-    """Print names by subject, each with the first sentence on it; only those with a word, if one is given."""
-    package, low = importlib.import_module("packmech"), word.lower()
+def print_subjects(
+    subjects: Mapping[str, Mapping[str, str]], word: str = "", words: Mapping[str, Sequence[str]] | None = None
+) -> None:
+    """Print names by subject, each with the first sentence on it; only those with a word, if one is given.
+
+    `words` are everyday ones with the names that they stand for.
+    """
+    package, parts = importlib.import_module("packmech"), word.lower().split()
+    known, found = words or {}, False
+    meant = set(known.get("_".join(parts), ()))
     for subject, names in subjects.items():
         about = {name: first_sentence(getattr(package, name)) for name in names}
-        rows = {name: line for name, line in about.items() if low in subject.lower() or low in f"{name} {line}".lower()}
+        rows = {
+            name: line
+            for name, line in about.items()
+            if name in meant
+            or all(part in subject.lower() for part in parts)
+            or all(part in f"{name} {line}".lower() for part in parts)
+        }
         if rows:
+            found = True
             print(subject)
             for name, line in rows.items():
                 print("\n".join(textwrap.wrap(line, 120, initial_indent=f"  {name:22s} ", subsequent_indent=" " * 25)))
+    if not found:
+        public = [name for group in subjects.values() for name in group]
+        near = did_you_mean("_".join(parts), [*public, *known])
+        print(f"nothing found for {word!r}{near}; try one word of it, or pm.help() for all names by subject")

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
-from packmech.check import call_fault
+from packmech.check import told
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -253,18 +253,12 @@ def honors(columns: str, **how: Unpack[HowHonored]) -> Callable[[Callable[P, R]]
         names = list(inspect.signature(function).parameters)
         place = next((names.index(one) for one in ("scene", "packing") if one in names), 0)
         name = names[place]
-        declared = declare(function.__name__, columns, **how)
+        declared, clear = declare(function.__name__, columns, **how), told(function)
 
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            try:
-                declared.check(name, args[place] if place < len(args) else kwargs.get(name))
-                return function(*args, **kwargs)
-            except TypeError:
-                fault = call_fault(function, args, kwargs)
-                if fault:
-                    raise TypeError(fault) from None
-                raise
+            declared.check(name, args[place] if place < len(args) else kwargs.get(name))
+            return clear(*args, **kwargs)
 
         return call
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import math
 from collections.abc import Callable, Mapping
@@ -10,18 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import brief, did_you_mean, finite_array, integer, one_of
+from packmech.check import brief, call_fault, did_you_mean, finite_array, integer, one_of
 from packmech.effects import held_particles
 from packmech.ensemble.shear_series import ShearCurve, ShearSeries
 from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit
 from packmech.jamming.play import PlayedMotion
 from packmech.jamming.verdict import UnjammingMotion, Verdict
-from packmech.measure.contact_forces import rattlers_in
+from packmech.measure.contact_forces import ContactForces, rattlers_in
 from packmech.measure.contact_statistics import ContactStatistics, ForceDistribution
 from packmech.measure.rattlers import find_rattlers
 from packmech.measure.scattering import ShellAverage
 from packmech.measure.structure import Correlation, PairDistribution
 from packmech.mechanics.complex_modulus import ComplexModulus
+from packmech.mechanics.elasticity import Moduli
 from packmech.mechanics.modes import Modes, StateDensity
 from packmech.packing import Packing
 from packmech.protocols.cement import Cementing
@@ -53,17 +55,19 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     Parameters
     ----------
     thing
-        What to draw. A packing, a scene or a run: the particles and, of a scene, its contact forces. Modes: one of them
-        as arrows (`packing=`), or without their spectrum. Else a curve: a density of states, pair distribution, shell
-        average, correlation, stress-strain curve or loop, flow curve, moduli against amplitude or frequency, creep,
-        cementing, shear families, forces, contacts, statistics of an ensemble (`fit=` draws a power law), work and
-        precision, a verdict (its motion, `packing=`) or a trace (`of=` names what).
+        What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its contact
+        forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does. A motion, modes:
+        arrows on `packing=`; modes without it: their spectrum. Moduli: the matrix. Else a curve: a density of states,
+        pair distribution, shell average, correlation, stress-strain curve or loop, flow curve, moduli against amplitude
+        or frequency, creep, cementing, shear families, distribution of forces, numbers of contacts, statistics of an
+        ensemble (`fit=` draws a power law), work and precision, or a trace (`of=` names what).
     ax
         Axes of matplotlib to draw on; new ones unless given.
     options
         Of a packing: `forces=False`, `copies=False` and `color=` "role", "size" or (N,) numbers with `label=`. Of modes
-        and motions: `packing=`, `mode=`, `scale=`. Others as above; `log=True` gives logarithmic axes, `label=` names
-        a curve, so that several on the same axes differ in color and have a legend.
+        and motions: `packing=`, `mode=`, `scale=`. Of moduli: `tangent=` "cauchy", "energy" or "affine". Others as
+        above; `log=True` gives logarithmic axes, on which negative moduli are empty marks at their size, and `label=`
+        names a curve, so that several on the same axes differ in color and have a legend.
 
     Raises
     ------
@@ -86,9 +90,10 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     try:
         with matplotlib_parts().rc_context(STYLE):
             draw(thing, axes, **options)
-    except TypeError as error:
-        if "unexpected keyword argument" in str(error):
-            raise TypeError(f"options of a figure of {type(thing).__name__}: {error}") from None
+    except TypeError:
+        fault = call_fault(draw, (thing, axes), options)
+        if fault:
+            raise TypeError(f"options of a figure of {type(thing).__name__}: {fault.partition('() ')[2]}") from None
         raise
     return axes
 
@@ -109,22 +114,29 @@ def _draws(*kinds: type, size: tuple[float, float] = SIZE) -> Callable[[Callable
 def _figure_of(thing: Any) -> tuple[Callable[..., None], tuple[float, float]]:
     found = next((_FIGURES[kind] for kind in type(thing).__mro__ if kind in _FIGURES), None)
     if found is None:
-        known = ", ".join(sorted(kind.__name__ for kind in _FIGURES))
-        raise TypeError(f"thing must be one of {known}, got {brief(thing)}")
+        raise TypeError(
+            "thing must be one of Packing, Scene, Run, ContactForces, Verdict, Modes, Moduli, or the result of a call "
+            "that gives a curve, such as pm.density_of_states, pm.pair_distribution, pm.steady_shear, got "
+            f"{brief(thing)}; pm.plot(scene) draws its particles with the contact forces"
+        )
     return found
+
+
+# what is seen on a packing that is not at hand, or needs more room
+_WITHOUT_PICTURE = (Modes, Moduli, Verdict, UnjammingMotion, Trace)
 
 
 def picture_of(thing: Any) -> str:
     """Return a small picture of a result as HTML; empty where there is none of it."""
     seen = {Packing: thing, Scene: thing}.get(type(thing), thing if isinstance(thing, Run) else None)
-    if seen is None and type(thing) in _FIGURES and not isinstance(thing, Modes | Verdict | UnjammingMotion | Trace):
+    if seen is None and type(thing) in _FIGURES and not isinstance(thing, _WITHOUT_PICTURE):
         seen = thing
     if seen is None:
         return ""
     parts, text = matplotlib_parts(), io.StringIO()
     figure = parts.Figure(figsize=SMALL, layout="constrained")
     draw, _ = _figure_of(seen)
-    packings = (Packing, Scene, Run)
+    packings = (Packing, Scene, Run, ContactForces)
     with parts.rc_context({"font.size": 7.0, "svg.hashsalt": "packmech"}):
         axes = figure.add_subplot()
         draw(seen, axes, **({"bar": False} if isinstance(seen, packings) and draw is _draw_packed else {}))
@@ -151,9 +163,9 @@ def _finish(ax: Any, title: str = "") -> None:
 # -- packings -------------------------------------------------------------------------------------------------------
 
 
-@_draws(Packing, Scene, Run, size=SQUARE)
+@_draws(Packing, Scene, Run, ContactForces, size=SQUARE)
 def _draw_packed(
-    thing: Packing | Scene | Run,
+    thing: Packing | Scene | Run | ContactForces,
     ax: Any,
     *,
     scene: Scene | None = None,
@@ -164,12 +176,28 @@ def _draw_packed(
     bar: bool = True,
 ) -> None:
     """Draw particles, and lines as wide as the forces of their contacts where effects are known."""
+    thing = thing.scene if isinstance(thing, ContactForces) else thing
     packing = thing if isinstance(thing, Packing) else thing.packing
     effects = thing.effects if isinstance(thing, Scene) else () if scene is None else scene.effects
+    fills = _fills(packing, effects, color)
+    _add_packing(ax, packing, effects, fills, drawing.draw_packing(packing, effects), forces, label, copies, bar)
+
+
+def _add_packing(
+    ax: Any,
+    packing: Packing,
+    effects: tuple[Any, ...],
+    fills: tuple[NDArray[np.float64], dict[str, Any]],
+    drawn: drawing.Drawing,
+    forces: bool,
+    label: str,
+    copies: bool,
+    bar: bool,
+) -> None:
+    """Draw particles filled as given, the lines of their contacts, and links; arguments as of `_draw_packed`."""
     flat, parts = packing.dimension == 2, matplotlib_parts()
     inside = packing.wrapped()
-    drawn = drawing.draw_packing(packing, effects)
-    fill_nc, shown = _fills(packing, effects, color)
+    fill_nc, shown = fills
     every = np.arange(packing.particles)
     if flat and copies and not any(type(one).__name__ == "Walls" for one in effects):
         outlines = drawing.seen_outlines(inside, drawn.copy_center_kd, drawn.copy_of_k)
@@ -207,17 +235,24 @@ def _fills(packing: Packing, effects: tuple[Any, ...], color: Any) -> tuple[NDAr
     if isinstance(color, str):
         one_of("color", color, ("role", "size"))
     if isinstance(color, str) and color == "role":
-        rattler_n = _rattlers(packing, effects)
-        fill_nc = np.tile(parts.to_rgb(BEARING), (n, 1))
-        fill_nc[rattler_n] = parts.to_rgb(RATTLER)
-        held = held_particles(effects, n)
-        held_n = np.zeros(n, dtype=bool) if held is None else held
-        fill_nc[held_n] = parts.to_rgb(HELD)
-        return fill_nc, {"roles": (bool((~rattler_n & ~held_n).any()), bool(rattler_n.any()), bool(held_n.any()))}
+        return _role_fills(packing, effects, _rattlers(packing, effects))
     numbers = packing.radius_n if isinstance(color, str) else finite_array("color", color, shape=(n,))
     low, high = float(numbers.min()), float(numbers.max())
     share = (numbers - low) / ((high - low) or 1.0)
     return np.asarray(parts.colormaps["viridis"](share))[:, :3], {"numbers": numbers, "range": (low, high)}
+
+
+def _role_fills(
+    packing: Packing, effects: tuple[Any, ...], rattler_n: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """Return the (N, 3) colors of particles that bear forces, rattle or are held, and which of these there are."""
+    parts, n = matplotlib_parts(), packing.particles
+    fill_nc = np.tile(parts.to_rgb(BEARING), (n, 1))
+    fill_nc[rattler_n] = parts.to_rgb(RATTLER)
+    held = held_particles(effects, n)
+    held_n = np.zeros(n, dtype=bool) if held is None else held
+    fill_nc[held_n] = parts.to_rgb(HELD)
+    return fill_nc, {"roles": (bool((~rattler_n & ~held_n).any()), bool(rattler_n.any()), bool(held_n.any()))}
 
 
 def _rattlers(packing: Packing, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
@@ -273,12 +308,14 @@ def _add_forces(ax: Any, drawn: drawing.Drawing, packing: Packing, known: bool, 
 def _legend(ax: Any, shown: Mapping[str, Any], links: bool) -> None:
     """Say below the packing what its colors mean."""
     parts = matplotlib_parts()
-    names = ("bears force", "rattler", "held")
+    names = ("backbone" if "contacts" in shown else "bears force", "rattler", "held")
     marks = [
         parts.Line2D([], [], marker="o", linestyle="none", markersize=8, color=fill, markeredgecolor=EDGE, label=name)
         for name, fill, there in zip(names, (BEARING, RATTLER, HELD), shown.get("roles", ()), strict=False)
         if there
     ]
+    if shown.get("contacts"):
+        marks.append(parts.Line2D([], [], color="#404040", linewidth=0.8, label="contact"))
     if links:
         marks.append(parts.Line2D([], [], color="#2b7a4b", linewidth=2.0, label="link"))
     if marks:
@@ -308,7 +345,7 @@ def _draw_modes(modes: Modes, ax: Any, *, packing: Any = None, mode: int = 0, sc
         ax.locator_params(axis="x", integer=True)
         return
     number = integer("mode", mode, at_least=0, at_most=len(modes.eigenvalue_m) - 1)
-    shown = packing if isinstance(packing, Packing) else packing.packing
+    shown = _packing_of("modes", packing)
     _draw_packed(packing, ax, forces=False, bar=False)
     _arrows(ax, shown, modes.displacement_mnd[number], scale)
     ax.set_title(
@@ -317,16 +354,73 @@ def _draw_modes(modes: Modes, ax: Any, *, packing: Any = None, mode: int = 0, sc
     )
 
 
-@_draws(Verdict, UnjammingMotion, size=SQUARE)
-def _draw_motion(one: Verdict | UnjammingMotion, ax: Any, *, packing: Any, scale: float | None = None) -> None:
+@_draws(Verdict, size=SQUARE)
+def _draw_verdict(verdict: Verdict, ax: Any, *, packing: Any = None, scale: float | None = None) -> None:
+    """Draw the backbone with the contacts that were judged, rattlers, and the motion that unjams it, if one does."""
+    shown = _packing_of("verdict", verdict.packing if packing is None else packing)
+    one, inside = verdict.network, shown.wrapped()
+    i_c, j_c = one.i_c, one.j_c
+    if shown.shapes.has_orientations:
+        # numbers among the backbone particles
+        i_c, j_c = (np.flatnonzero(verdict.backbone)[end] for end in (i_c, j_c))
+    apart = inside.position_nd[i_c] + one.vector_cd - inside.position_nd[j_c]
+    image_cd = np.rint(apart @ shown.box.inverse_dd.T).astype(np.int64)
+    segments, _ = drawing.pair_lines(inside.position_nd, i_c, j_c, image_cd, one.vector_cd)
+    drawn = dataclasses.replace(drawing.draw_packing(shown), segment_sed=segments, force_s=np.ones(len(segments)))
+    fill_nc, legend = _role_fills(shown, (), verdict.rattlers)
+    legend["contacts"] = len(segments) > 0 and shown.dimension == 2
+    _add_packing(ax, shown, (), (fill_nc, legend), drawn, True, "", True, True)
+    words = f"collectively {verdict.collective}, strictly {verdict.strict}"
+    motion = verdict.unjamming_motion
+    if motion is not None:
+        _arrows(ax, shown, motion.displacement_nd, scale)
+        words += "\narrows: a motion that unjams"
+        words += ", with a strain of the box" if motion.strain_dd.any() else ""
+    ax.set_title(words)
+
+
+@_draws(UnjammingMotion, size=SQUARE)
+def _draw_motion(motion: UnjammingMotion, ax: Any, *, packing: Any = None, scale: float | None = None) -> None:
     """Draw the motion that unjams a packing."""
-    motion = one.unjamming_motion if isinstance(one, Verdict) else one
-    if motion is None:
-        raise ValueError("thing must be a verdict with a motion that unjams, got one without")
-    shown = packing if isinstance(packing, Packing) else packing.packing
-    _draw_packed(packing, ax, forces=False, bar=False)
+    shown = _packing_of("motion", packing)
+    _draw_packed(shown, ax, forces=False, bar=False)
     _arrows(ax, shown, motion.displacement_nd, scale)
     ax.set_title("motion that unjams")
+
+
+def _packing_of(name: str, given: Any) -> Packing:
+    """Return the packing of what is given as one to draw on, a scene or a run among it."""
+    found = given if isinstance(given, Packing) else getattr(given, "packing", None)
+    if not isinstance(found, Packing):
+        raise TypeError(
+            f"packing must be the packing of this {name} for pm.plot, pm.plot({name}, packing=packing), "
+            f"got {brief(given)}"
+        )
+    return found
+
+
+@_draws(Moduli)
+def _draw_matrix(moduli: Moduli, ax: Any, *, tangent: str = "cauchy") -> None:
+    """Draw a matrix of moduli in Mandel components, its numbers written in."""
+    one_of("tangent", tangent, ("cauchy", "energy", "affine"))
+    matrix_ee: NDArray[np.float64] = getattr(moduli, tangent)
+    parts, largest = matplotlib_parts(), float(np.abs(matrix_ee).max()) or 1.0
+    names = ("xx", "yy", r"$\sqrt{2}$xy") if len(matrix_ee) == 3 else (
+        "xx", "yy", "zz", r"$\sqrt{2}$yz", r"$\sqrt{2}$xz", r"$\sqrt{2}$xy"
+    )  # fmt: skip
+    ax.imshow(matrix_ee, cmap="RdBu_r", vmin=-largest, vmax=largest)
+    for (row, column), value in np.ndenumerate(matrix_ee):
+        # numbers are written in white where the color below is dark
+        color = "white" if abs(value) > 0.6 * largest else "black"
+        words = f"{value:.3g}" if abs(value) > 1e-10 * largest else "0"
+        size = 9 if len(matrix_ee) == 3 else 6.5
+        ax.text(column, row, words, ha="center", va="center", color=color, fontsize=size)
+    ax.set(xticks=range(len(names)), yticks=range(len(names)), xticklabels=names, yticklabels=names)
+    ax.set(xlabel="strain", ylabel="stress")
+    ax.grid(visible=False)
+    mappable = parts.ScalarMappable(parts.Normalize(-largest, largest), "RdBu_r")
+    ax.figure.colorbar(mappable, ax=ax, shrink=0.75, label=f"modulus ({tangent}) {_UNIT}")
+    ax.set_title(f"$B$ = {moduli.bulk_modulus:.4g}, $G$ = {moduli.shear_modulus:.4g} {_UNIT}")
 
 
 @_draws(PlayedMotion)
@@ -485,10 +579,23 @@ def _draw_moduli(sweep: AmplitudeSweep | ShearCurve, ax: Any, *, log: bool = Tru
         error = np.where(np.isfinite(error), error, 0.0)
         words = f"{name} {label}".strip()
         style = {"marker": MARKERS[k], "linestyle": "-" if k == 0 else "--", "color": color or COLORS[k]}
-        ax.errorbar(sweep.amplitude_a, value, error, markersize=4.0, linewidth=1.2, label=words, **style)
+        seen = np.where(value > 0.0, value, np.nan) if log else value
+        ax.errorbar(sweep.amplitude_a, seen, error, markersize=4.0, linewidth=1.2, label=words, **style)
+        if log:
+            _add_negative(ax, sweep.amplitude_a, value, words, style)
     ax.set(xlabel=r"strain amplitude $\gamma_0$", ylabel=f"modulus {_UNIT}")
     ax.legend(frameon=False)
     _scale(ax, log)
+
+
+def _add_negative(
+    ax: Any, x_k: NDArray[np.float64], value_k: NDArray[np.float64], name: str, style: dict[str, Any]
+) -> None:
+    """Draw the size of negative values, which a logarithmic axis has no place for, as empty marks."""
+    below = value_k < 0.0
+    if below.any():
+        empty = {**style, "linestyle": "none", "markersize": 4.0, "markerfacecolor": "none"}
+        ax.plot(x_k[below], -value_k[below], label=f"$-${name} (negative)", **empty)
 
 
 @_draws(ShearSeries)
@@ -503,7 +610,11 @@ def _draw_series(series: ShearSeries, ax: Any, *, log: bool = True) -> None:
 def _draw_spectrum(found: ComplexModulus, ax: Any, *, log: bool = True) -> None:
     """Draw G' and G'' against frequency."""
     for k, (name, value) in enumerate((("$G'$", found.storage_f), ("$G''$", found.loss_f))):
-        ax.plot(found.frequency_f, value, color=COLORS[k], label=name, marker=MARKERS[k], markersize=4.0)
+        style = {"color": COLORS[k], "marker": MARKERS[k]}
+        seen = np.where(value > 0.0, value, np.nan) if log else value
+        ax.plot(found.frequency_f, seen, label=name, markersize=4.0, **style)
+        if log:
+            _add_negative(ax, found.frequency_f, value, name, style)
     ax.set(xlabel="frequency [1/time]", ylabel=f"modulus {_UNIT}")
     ax.legend(frameon=False)
     _scale(ax, log)

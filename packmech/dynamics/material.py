@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from packmech.check import integer, positive, real
+from packmech.check import integer, positive, real, told
 from packmech.display import shown
 from packmech.effects import BackgroundDamping, ContactDamping, DivergentRepulsion, Friction, Repulsion
 
@@ -91,6 +91,7 @@ class MaterialConstants:
         )
 
 
+@told
 def material_constants(
     *,
     young_modulus: float = 8000.0,

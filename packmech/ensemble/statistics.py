@@ -11,7 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import bin_edges, finite_array, instance, integer, listed, one_of, positive, positive_array, real
+from packmech.check import (
+    bin_edges,
+    finite_array,
+    instance,
+    integer,
+    listed,
+    one_of,
+    positive,
+    positive_array,
+    real,
+    told,
+)
 from packmech.display import shown
 from packmech.ensemble.table import Ensemble
 from packmech.linalg.line import Line, fit_line
@@ -26,6 +37,7 @@ STATISTICS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 _AT_ONCE = 200
 
 
+@told
 def bootstrap(
     value_r: NDArray[np.float64], *, statistic: str = "mean", draws: int = 2000, seed: int = 0
 ) -> tuple[float, float]:
@@ -124,6 +136,7 @@ def values_of(ensemble: Ensemble, name: str) -> NDArray[np.float64]:
     return finite
 
 
+@told
 def group_statistics(
     ensemble: Ensemble,
     name: str,
@@ -192,6 +205,7 @@ class Histogram(NamedTuple):
     error_b: NDArray[np.float64]
 
 
+@told
 def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] | None = None) -> Histogram:
     """Return the histogram of values.
 
@@ -235,6 +249,7 @@ class PowerLawFit(NamedTuple):
     chi_square: float
 
 
+@told
 def fit_power_law(
     size_g: NDArray[Any], value_g: NDArray[np.float64], error_g: NDArray[np.float64], *, exponent: float | None = None
 ) -> PowerLawFit:
@@ -295,6 +310,7 @@ def _missed(line: Line) -> Line:
     return line._replace(slope_error=line.slope_error * wider, height_error=line.height_error * wider)
 
 
+@told
 def small_value_exponent(values: Sequence[NDArray[np.float64]], largest: float) -> tuple[float, float, int]:
     """Return e of a density ~ x^e below `largest`, its error, and the number of values that take part.
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import brief, integer
+from packmech.check import brief, integer, told
 from packmech.display import shown
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
@@ -182,6 +182,7 @@ class Ensemble:
         return "\n".join(lines)
 
 
+@told
 def read_ensemble(folder: PathLike) -> Ensemble:
     """Return the table of an ensemble, made from its members as they are now; packings are read when asked for.
 

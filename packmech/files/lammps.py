@@ -45,9 +45,9 @@ from packmech.effects.laws import LinearSpring
 from packmech.files import columns
 from packmech.files.formats import BONDS, LINKS, SPHEROIDS, STEP, Format, Given, One
 from packmech.files.orientations import ellipsoids_of, rotations_of, spheroids_of
-from packmech.files.snapshot import Snapshot
+from packmech.files.snapshot import Snapshot, types_of_sizes
 from packmech.links import Links
-from packmech.packing import DISCRETE_SIZES, Packing, masses_of_density
+from packmech.packing import Packing, masses_of_density
 
 # LAMMPS's planes lie between these heights
 _LOW, _HIGH = -0.5, 0.5
@@ -131,8 +131,7 @@ def _types(snapshot: Snapshot) -> NDArray[np.int64]:
     given = snapshot.fields.get("type")
     if given is not None and given.dtype.kind == "i" and given.ndim == 1 and given.min() >= 1:
         return given
-    sizes, type_n = np.unique(snapshot.packing.radius_n, return_inverse=True)
-    return np.asarray(type_n + 1 if len(sizes) <= DISCRETE_SIZES else np.ones_like(type_n))
+    return types_of_sizes(snapshot.packing.radius_n)
 
 
 def _density(packing: Packing) -> NDArray[np.float64]:

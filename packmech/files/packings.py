@@ -28,7 +28,6 @@ from __future__ import annotations
 import functools
 import os
 import uuid
-import warnings
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -37,7 +36,7 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from packmech.box import Box
-from packmech.check import brief, instance, integer
+from packmech.check import brief, instance, integer, told, warn
 from packmech.display import shown
 from packmech.effects.laws import is_law
 from packmech.files import npz
@@ -76,9 +75,10 @@ def read_packing(
 ) -> Packing:
     """Return the packing in a file (of a trajectory the last).
 
-    What a file holds and a packing has no place for, such as velocities, is left out and listed in a UserWarning;
-    `pm.read_trajectory` gives arrays of particles, springs and contact forces, too. Particles of shapes that packings
-    cannot have are refused.
+    What a file holds and a packing has no place for, such as velocities, types of particles that are not numbered by
+    size, and species, is left out and listed in a UserWarning; `pm.read_trajectory` gives arrays of particles, springs
+    and contact forces, too, and `pm.write_packing` writes its snapshots. Particles of shapes that packings cannot have
+    are refused.
 
     Parameters
     ----------
@@ -119,10 +119,12 @@ def read_packing(
     if frame is not None and not snapshots.format.many:
         raise ValueError(f"frame must be left out for {_shown(snapshots)} files, which hold one packing, got {frame}")
     snapshot, left_out = snapshots.found(-1 if frame is None else frame)
-    warn_of(snapshots.path, [*left_out, *snapshot.beside()])
+    beside = list(snapshot.beside())
+    warn_of(snapshots.path, [*left_out, *beside], keeps="pm.read_trajectory keeps fields and springs" if beside else "")
     return snapshot.packing
 
 
+@told
 def read_trajectory(
     path: PathLike, *, format: str | None = None, box: Box | None = None, radius: Any = None
 ) -> Snapshots:
@@ -245,10 +247,11 @@ class FrameError(IndexError, ValueError):
     """There is no frame of that number."""
 
 
-def warn_of(where: Path | str, left_out: Sequence[str]) -> None:
-    """List in a warning what was left out of a file, or of another program's object."""
+def warn_of(where: Path | str, left_out: Sequence[str], *, keeps: str = "") -> None:
+    """List in a warning what was left out of a file, or of another program's object, and what keeps it."""
     if left_out:
-        warnings.warn(f"{where}: left out, as a packing has no place for them: {'; '.join(left_out)}", stacklevel=3)
+        packing = f"a packing ({keeps})" if keeps else "a packing"
+        warn(f"{where}: left out, as {packing} has no place for them: {'; '.join(left_out)}")
 
 
 @shown_as("writing")
@@ -395,6 +398,7 @@ def kept_of(snapshot: Snapshot, chosen: Format, shown: str, drop: bool) -> Snaps
     return snapshot
 
 
+@told
 def read_law(path: PathLike) -> Any:
     """Return the law stored with a packing, or None when the file says none.
 

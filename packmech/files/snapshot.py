@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from packmech.check import finite_array, instance, integer, integer_array, listed, table
 from packmech.display import shown
 from packmech.effects.bonds import Bonds
-from packmech.packing import Packing
+from packmech.packing import DISCRETE_SIZES, Packing
 
 # fields that formats have names of their own for, as warnings call them
 FIELD_WORDS = {"velocity_nd": "velocities", "force_nd": "forces", "spin_nk": "spins", "torque_nk": "torques"}
@@ -192,8 +192,9 @@ class Snapshot:
 
     def beside(self) -> Iterator[str]:
         """Name what the snapshot holds and its packing does not, for warnings."""
-        # types that sizes tell apart say nothing else
-        known = {"type"} if "type" in self.fields and sizes_tell(self.fields["type"], self.packing.radius_n) else set()
+        # types that are numbered by size are written so again
+        usual = np.array_equal(self.fields.get("type", ()), types_of_sizes(self.packing.radius_n))
+        known = {"type"} if usual else set()
         yield from (words for name, words in FIELD_WORDS.items() if name in self.fields)
         others = [name for name in self.fields if name not in FIELD_WORDS and name not in known]
         if others:
@@ -208,11 +209,7 @@ def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
     return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
 
 
-def sizes_tell(type_n: NDArray[Any], radius_n: NDArray[np.float64]) -> bool:
-    """Return whether particles are of different types only where they are of different sizes."""
-    types, type_k = np.unique(type_n, return_inverse=True)
-    smallest, largest = np.full(len(types), np.inf), np.zeros(len(types))
-    np.minimum.at(smallest, type_k, radius_n)
-    np.maximum.at(largest, type_k, radius_n)
-    order = np.argsort(smallest)
-    return bool((largest[order][:-1] < smallest[order][1:]).all())
+def types_of_sizes(radius_n: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the types of particles that nobody named, from 1 for the smallest; all 1 where there are many sizes."""
+    sizes, type_n = np.unique(radius_n, return_inverse=True)
+    return np.asarray(type_n + 1 if len(sizes) <= DISCRETE_SIZES else np.ones_like(type_n))

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from packmech.check import told
 from packmech.files.packings import replacing, target_file
 from packmech.observables import Column, HasTable, Table
 
@@ -52,6 +53,7 @@ def table_of(subject: Any) -> Table:
     return subject.table()
 
 
+@told
 def write_table(subject: Any, path: str | os.PathLike[str]) -> None:
     """Write every tensor and number that a run kept against time to a columnar file; read them with `pm.read_table`.
 
@@ -94,6 +96,7 @@ def write_table(subject: Any, path: str | os.PathLike[str]) -> None:
             _write_csv(table, partial)
 
 
+@told
 def read_table(path: str | os.PathLike[str]) -> Table:
     """Return the table that `pm.write_table` wrote.
 

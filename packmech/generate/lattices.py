@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import instance, integer, one_of, positive, real
+from packmech.check import instance, integer, one_of, positive, real, told
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.packing import Packing, masses_of_density
@@ -177,6 +177,7 @@ CRYSTALS = {
 LATTICE_NAMES = tuple(CRYSTALS)
 
 
+@told
 def lattice_packing(
     name: str,
     repeats: int | Sequence[int] | None = None,
@@ -313,6 +314,7 @@ def _cells_inside(cells_dd: NDArray[np.int64]) -> NDArray[np.int64]:
 _TOUCHING = 1e-9
 
 
+@told
 def reinforced_kagome_packing(
     cells: int,
     repeats: int | Sequence[int] | None = None,
@@ -354,6 +356,7 @@ def reinforced_kagome_packing(
     return crystal_packing(crystal, repeats, supercell, conventional, relative_overlap, diameter, density)
 
 
+@told
 def tunneled_packing(
     steps: Sequence[int],
     repeats: int | Sequence[int] | None = None,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import finite_array, instance, integer, positive, positive_array, real
+from packmech.check import finite_array, instance, integer, positive, positive_array, real, told
 from packmech.generate.cluster_shapes import RandomShape, Shape, drawn_clusters
 from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
@@ -327,6 +327,7 @@ class Ellipses:
         object.__setattr__(self, "aspect", aspect)
 
 
+@told
 def random_packing(
     particles: int,
     *,
@@ -415,6 +416,7 @@ def _random_shapes(
     return beads_of([found[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
 
 
+@told
 def fill_box(
     box: Box,
     particles: int,

@@ -382,6 +382,7 @@ def classify_jamming(
         time.process_time() - start,
         packing.cluster_n if packing.links else None,
         bound if method == "loads" else None,
+        packing,
     )
 
 

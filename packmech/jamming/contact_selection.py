@@ -13,6 +13,7 @@ from packmech.constraints.motion_rules import link_rules
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import Harmonic, Repulsion, contact_terms
+from packmech.measure.contact_forces import rounding_force
 from packmech.measure.rattlers import rattling_particles
 from packmech.measure.stress import sum_forces
 from packmech.packing import Packing
@@ -206,7 +207,6 @@ def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance
     mean = float(np.abs(terms.first_c).mean()) if len(contacts) else 0.0
     if mean == 0.0:
         return RestCheck(0.0, 0.0, rest_tolerance, law)
-    largest = max(np.abs(packing.position_nd).max(), np.abs(packing.box.lattice_dd).max())
     # diverging laws give infinite forces at coincident centers: the residual is no number then, and nothing is at rest
     with np.errstate(invalid="ignore", over="ignore"):
         net = sum_forces(contacts, -terms.first_c)
@@ -215,5 +215,5 @@ def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance
             # the multipliers balance minus the forces
             net = net - (links.gradient_lx.T @ links.multipliers(-net.ravel())).reshape(net.shape)
         residual = float(np.sqrt((net**2).sum(axis=1)).max()) / mean
-        floor = float(np.spacing(largest)) * float(np.abs(terms.second_c).mean()) / mean
+        floor = rounding_force(packing, terms.second_c) / mean
     return RestCheck(residual, floor, max(rest_tolerance, FLOORS * floor), law)

@@ -77,6 +77,7 @@ def classify_shaped(
         "singular values and the Hessian",
         strain,
         time.process_time() - began,
+        packing=packing,
     )
 
 

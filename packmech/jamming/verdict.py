@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -129,6 +129,8 @@ class Verdict:
     bound
         "ball" or "box": what bounded the motions of the load programs; always "box" with HiGHS, which solves linear
         programs only. None for the certificate.
+    packing
+        The packing that was classified; None where it is not known.
 
     """
 
@@ -146,6 +148,7 @@ class Verdict:
     seconds: float
     cluster_n: NDArray[np.int64] | None = None
     bound: str | None = None
+    packing: Packing | None = field(default=None, repr=False)
 
     @property
     def collective(self) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance
+from packmech.check import instance, warn
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
@@ -36,13 +36,28 @@ from packmech.honors import STRAINED, honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import sum_both, tangential_forces
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force
 _BEARING = 1e-6
+# net force over mean contact force of a packing at rest [1], and how many times more than rounding shows in it
+AT_REST, _FLOORS = 1e-2, 8.0
 
 
-@shown(lambda one: f"{len(one.normal_c)} contacts, mean force {one.mean_force:.6g}, residual {one.residual:.1e}")
+def unless_at_rest(force_residual: float, at_rest: bool, words: str) -> str:
+    """Return the headline of a result of a scene; that it is not at rest, and what to do, is its first line."""
+    if at_rest:
+        return words
+    return f"not at rest (force residual {force_residual:.2g}): relax it first with pm.quench or pm.jam\n{words}"
+
+
+def _headline(one: ContactForces) -> str:
+    words = f"{len(one.normal_c)} contacts, mean force {one.mean_force:.6g}, residual {one.residual:.1e}"
+    return unless_at_rest(one.residual, one.at_rest, words)
+
+
+@shown(_headline)
 @dataclass(frozen=True, eq=False)
 class ContactForces:
     """Normal and tangential forces of all touching pairs, and what they add up to.
@@ -182,6 +197,24 @@ class ContactForces:
         """
         mean = self.mean_force
         return self.largest_imbalance / mean if mean > 0.0 else 0.0
+
+    @functools.cached_property
+    def at_rest(self) -> bool:
+        """Whether the residual is at most a hundredth, or no more than rounding of the coordinates makes of it."""
+        if self.residual <= AT_REST:
+            return True
+        terms = contact_terms(self.scene.effects, self.contacts.distance_c, self.contacts.contact_distance_c)
+        return self.largest_imbalance <= _FLOORS * rounding_force(self.scene.packing, terms.second_c)
+
+    def warn_of_rattlers(self, left_out: int) -> None:
+        """Warn of rattlers that are left out of an answer where the forces do not balance."""
+        if left_out and not self.at_rest:
+            count = self.scene.packing.particles
+            warn(
+                f"scene should be at rest, got force residual {self.residual:.2g}: {left_out} of {count} particles "
+                "count as rattlers by contacts that do not balance, and are left out; relax it first with pm.quench "
+                'or pm.jam, or take all particles with rattlers="keep"',
+            )
 
     @functools.cached_property
     def largest_imbalance(self) -> float:
@@ -390,6 +423,12 @@ def single_push(scene: Scene) -> SinglePush:
         return SinglePush(terms.force_nd, np.zeros((packing.particles, 1 if d == 2 else 3)), terms)
     shaped = shaped_terms(scene.effects, packing)
     return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped)
+
+
+def rounding_force(packing: Packing, second_c: NDArray[np.float64]) -> float:
+    """Return what rounding of the coordinates makes of net forces that balance, by u'' of the contacts [force]."""
+    largest = max(np.abs(packing.position_nd).max(), np.abs(packing.box.lattice_dd).max())
+    return float(np.spacing(largest)) * float(np.abs(second_c).mean()) if len(second_c) else 0.0
 
 
 def force_residual(scene: Scene) -> float:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 
-from packmech.check import instance, one_of
+from packmech.check import instance, one_of, warn
 from packmech.contacts.fused_volume import shared_volume
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing, no_tangential
+
+# overlaps of less than this part of the contact distance are rounding [1]
+_ROUNDING = 1e-9
 
 
 @honors("links shapes", packing_only=True)
@@ -58,7 +61,9 @@ def coordination_number(packing: Packing, *, gap_tolerance: float | None = None,
         Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
         `find_contacts`.
     rattlers
-        "remove" leaves rattlers and their contacts out of N' and N_c; "keep" counts everything.
+        "remove" leaves rattlers and their contacts out of N' and N_c; "keep" counts everything. Where particles that
+        overlap all rattle, which is 0, a UserWarning says so: they are not at rest, or friction, weights or walls hold
+        them, which a packing does not know.
 
     Examples
     --------
@@ -76,5 +81,12 @@ def coordination_number(packing: Packing, *, gap_tolerance: float | None = None,
     rattling = find_rattlers(packing, gap_tolerance=gap_tolerance)
     kept = int((~rattling).sum())
     if not kept:
+        overlapping = int((contacts.overlap_c > _ROUNDING * contacts.contact_distance_c).sum())
+        if overlapping:
+            warn(
+                f"packing should be at rest, got {overlapping} pairs that overlap and no particle that they hold: all "
+                "rattle; relax it first with pm.quench or pm.jam; where friction, weights or walls hold it, "
+                'pm.contact_forces(scene) tells; rattlers="keep" counts all contacts',
+            )
         return 0.0
     return 2.0 * len(contacts.among(~rattling)) / kept

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,13 @@ from packmech.linalg.mandel import (
     stiffness_tensor,
     trace_vector,
 )
-from packmech.measure.contact_forces import ContactForces, force_residual, resting_forces
+from packmech.measure.contact_forces import (
+    AT_REST,
+    ContactForces,
+    force_residual,
+    resting_forces,
+    unless_at_rest,
+)
 from packmech.mechanics.frictional import (
     check_frictional,
     find_sliding,
@@ -39,8 +45,8 @@ from packmech.status import shown_as
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
 _INCONSISTENT = 1e-6
-# net force over mean contact force of a packing at rest, and part of the pressure that its rattlers may bear [1]
-_AT_REST, _BORNE = 1e-2, 1e-2
+# part of the pressure that rattlers of a packing at rest may bear [1]
+_BORNE = 1e-2
 # components of unit strains below this are rounding
 _TOUCHED = 1e-8
 
@@ -86,7 +92,14 @@ class Average:
         return (d * bulk - 2.0 * shear) / below if below else float("nan")
 
 
-@shown(lambda one: f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}")
+def _headline(one: Moduli) -> str:
+    words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}"
+    if len(one.at_limit_k):
+        words += f"; {len(one.at_limit_k)} at the Coulomb limit: {one.contacts_at_limit!r}"
+    return unless_at_rest(one.force_residual, one.at_rest, words)
+
+
+@shown(_headline)
 @dataclass(frozen=True, eq=False)
 class Moduli:
     """Linear elastic response of a packing, particles relaxed, contact forces included unless left out by name.
@@ -134,6 +147,11 @@ class Moduli:
     doubtful_at_limit
         How many contacts are so near to the bound between those at the limit and the others that moduli may rest on
         where it lies (`ContactForces.limit`).
+    contacts_at_limit
+        With friction, what contacts at the Coulomb limit do: "stick", "slip", or "strain" where one was given. Empty
+        without.
+    at_rest
+        Whether `force_residual` is at most a hundredth, or no more than rounding of the coordinates makes of it.
 
     """
 
@@ -156,6 +174,8 @@ class Moduli:
     at_limit_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     sliding_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     doubtful_at_limit: int = 0
+    contacts_at_limit: str = ""
+    at_rest: bool = True
 
     @property
     def dimension(self) -> int:
@@ -556,7 +576,11 @@ def elastic_moduli(
             unsolved = int(relaxation.residual > _INCONSISTENT or not found.consistent)
         whole = resting_forces(scene)
         _refuse_bearing_rattlers(whole, system.virial_of_springs if found is None else found.virial)
-        return _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, whole.residual, start)
+        whole.warn_of_rattlers(scene.packing.particles - len(system.network.index_n))
+        response = _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, whole, start)
+    if acting_friction(scene.effects) is None:
+        return response
+    return replace(response, contacts_at_limit=at_limit if isinstance(at_limit, str) else "strain")
 
 
 def _at_limit(given: str | ArrayLike, dimension: int) -> str | NDArray[np.float64]:
@@ -612,7 +636,7 @@ def _refuse_bearing_rattlers(forces: ContactForces, virial: float) -> None:
     Forces are those of all contacts, `virial` is the sum of du/dr r over the contacts and bonds that are kept.
     """
     whole = float(np.trace(forces.contact_stress_dd)) * forces.scene.packing.box.volume
-    if forces.residual <= _AT_REST and abs(whole - virial) > _BORNE * abs(whole):
+    if forces.residual <= AT_REST and abs(whole - virial) > _BORNE * abs(whole):
         raise ValueError(
             f"scene must have rattlers that bear no pressure, got rattlers that bear {1.0 - virial / whole:.2g} of it, "
             'as between their own images: rattlers="keep" takes their contacts along'
@@ -625,7 +649,7 @@ def _moduli(
     rough: _RoughResponse | None,
     volume: float,
     unsolved: int,
-    force_residual: float,
+    whole: ContactForces,
     start: float,
 ) -> Moduli:
     """Return the record of a relaxed stiffness; `unsolved` strains are unstable for want of a relaxation."""
@@ -661,7 +685,8 @@ def _moduli(
         particles=len(system.network.index_n),
         contacts=len(system.network.contacts),
         residual=relaxation.residual,
-        force_residual=force_residual,
+        force_residual=whole.residual,
+        at_rest=whole.at_rest,
         seconds=time.process_time() - start,
         at_limit_k=none if rough is None else rough.at_limit_k,
         sliding_k=none if rough is None else rough.sliding_k,
@@ -727,7 +752,7 @@ def compliance_matrix(
     one_of("method", method, METHODS)
     positive("memory_limit", memory_limit)
     residual = force_residual(scene)
-    if residual > _AT_REST:
+    if residual > AT_REST:
         raise ValueError(
             f"scene must be at rest, got a net force of {residual:.2g} mean contact forces: quench or jam it first"
         )

@@ -30,7 +30,7 @@ from packmech.effects import ContactTerms, friction_or_zero
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
-from packmech.measure.contact_forces import ContactForces, resting_forces
+from packmech.measure.contact_forces import ContactForces, resting_forces, unless_at_rest
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms
@@ -222,7 +222,7 @@ def stiffness_matrix(
     return sp.csr_array(sp.block_array([[matrix, side], [below, corner]], format="csr"))
 
 
-@shown()
+@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, f"{len(one)} modes"))
 @dataclass(frozen=True, eq=False)
 class FrictionalModes:
     """Modes of a frictional packing, its particles turning too, in order of the eigenvalues' real parts.
@@ -252,6 +252,8 @@ class FrictionalModes:
         "dense" or "shift-invert".
     seconds
         CPU time.
+    at_rest
+        Whether `force_residual` is at most a hundredth, or no more than rounding of the coordinates makes of it.
 
     """
 
@@ -266,6 +268,7 @@ class FrictionalModes:
     index_n: NDArray[np.int64]
     method: str
     seconds: float
+    at_rest: bool = True
 
     def __len__(self) -> int:
         return len(self.eigenvalue_m)
@@ -372,6 +375,8 @@ def frictional_modes(
             # links bear what would stretch them
             solve, left = general_factors(rows @ rows.T).solve, rows @ error
             error -= rows.T @ (solve(left.real) + 1j * solve(left.imag))
+    whole = resting_forces(scene)
+    whole.warn_of_rattlers(packing.particles - len(index))
     worst = float(np.sqrt((np.abs(error) ** 2).sum(axis=0)).max(initial=0.0))
     vector = (vector / root[:, None]).T.reshape(len(value), len(index), d + k)
     motion = np.zeros((len(value), packing.particles, d), dtype=complex)
@@ -386,10 +391,11 @@ def frictional_modes(
         available=available,
         symmetric=symmetric,
         largest=largest,
-        force_residual=resting_forces(scene).residual,
+        force_residual=whole.residual,
         index_n=index,
         method="dense" if dense else "shift-invert",
         seconds=time.process_time() - start,
+        at_rest=whole.at_rest,
     )
 
 

@@ -19,7 +19,7 @@ from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
-from packmech.measure.contact_forces import force_residual
+from packmech.measure.contact_forces import resting_forces, unless_at_rest
 from packmech.mechanics.hessian import check_choices, check_strain_of_box, corner_of
 from packmech.mechanics.linked_systems import Operator, link_motions, operator_of, rows_on
 from packmech.mechanics.network import Network
@@ -41,7 +41,7 @@ _WINDOW = 1.25
 _BASIS_BYTES = 3e9
 
 
-@shown(lambda one: f"{len(one.eigenvalue_m)} modes")
+@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, f"{len(one.eigenvalue_m)} modes"))
 @dataclass(frozen=True, eq=False)
 class Modes:
     """Normal modes in order of their eigenvalues, uniform translations left out.
@@ -82,6 +82,8 @@ class Modes:
     participation_m
         (M,) participation ratio of each mode among the N' particles that took part, between 1 / N' and 1: (sum of w)^2
         over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t). 0 where no particle moves.
+    at_rest
+        Whether `force_residual` is at most a hundredth, or no more than rounding of the coordinates makes of it.
 
     """
 
@@ -101,6 +103,7 @@ class Modes:
     turn_mnk: NDArray[np.float64]
     rotation_m: NDArray[np.float64]
     participation_m: NDArray[np.float64]
+    at_rest: bool = True
 
     def __len__(self) -> int:
         return len(self.eigenvalue_m)
@@ -231,6 +234,8 @@ def normal_modes(
         residual = operator.apply(vector) - vector * value
         worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
+    whole = resting_forces(scene)
+    whole.warn_of_rattlers(packing.particles - len(network.index_n))
     vector = signed_columns(vector)
     motion = np.zeros((wanted, *free_nq.shape))
     motion[:, free_nq] = vector[: len(root)].T
@@ -250,7 +255,8 @@ def normal_modes(
         translations=moving,
         translation_error=drift / largest if largest else 0.0,
         missed=missed,
-        force_residual=force_residual(scene),
+        force_residual=whole.residual,
+        at_rest=whole.at_rest,
         largest=largest,
         index_n=index,
         method=method,

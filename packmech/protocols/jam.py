@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from packmech.check import BoxStrain, instance, one_of, positive
+from packmech.check import BoxStrain, instance, one_of, positive, told
 from packmech.honors import declare
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -58,6 +58,7 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
     raise ValueError(f"method must be {names}{where}, got {method!r}{way}")
 
 
+@told
 def jam(
     scene: Scene,
     pressure: float | None = None,
@@ -96,7 +97,7 @@ def jam(
         energy.
     strain
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "isotropic": the box keeps its
-        shape.
+        shape, the default of `sweep_pressure`.
     method
         HardVertex() (the default), ProgramChain(), StepHalving(), Decompression() (the default with links or shapes,
         where only it, Press and StepHalving with a fixed box know the way), Press() (with friction the default, and the

@@ -47,7 +47,8 @@ def sweep_pressure(
     pressures
         In the order in which they are visited [energy_scale / diameter^d], all positive.
     strain
-        "isotropic": the box keeps its shape. "free": strains relax, so that the stress is isotropic.
+        "isotropic": the box keeps its shape. "free": strains relax, so that the stress is isotropic, the default of
+        `jam`: a packing of that is followed on its own way with "free".
     force_tolerance
         Net force over mean contact force (and stress missing over pressure) that counts as balance [1]; the floor of
         rounding also counts.

@@ -12,7 +12,7 @@ from typing import Any, TypedDict, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import instance, integer, positive
+from packmech.check import call_fault, instance, integer, positive
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
@@ -90,8 +90,8 @@ def listed(arguments: type) -> Callable[[F], F]:
 
         @functools.wraps(function)
         def call(*positional: Any, **named: Any) -> Any:
-            for name in named.keys() - known:
-                raise TypeError(f"{name} must be left out: there is no such argument")
+            if named.keys() - known:
+                raise TypeError(call_fault(call, positional, named))
             return function(*positional, **named)
 
         call.__signature__ = signature.replace(parameters=[*own, *further])  # type: ignore[attr-defined]

@@ -60,7 +60,7 @@ from typing import Any
 
 import tomli_w
 
-from packmech.check import did_you_mean, instance, integer, one_of
+from packmech.check import did_you_mean, instance, integer, one_of, told
 from packmech.check import table as check_table
 from packmech.effects import Bonds, law_of, registered_effects, registered_laws
 from packmech.files.packings import PathLike, replacing, target_file
@@ -90,6 +90,7 @@ from packmech.scenes.recipes import (
 _TOP = ("description", "packing", "effects", "drive")
 
 
+@told
 def list_scenes() -> dict[str, str]:
     """Return the scenes that ship inside the package: name -> one sentence on it, the default one first.
 
@@ -123,6 +124,7 @@ def shipped_scene_text(name: str) -> str:
     return str((_shipped() / f"{one_of('name', name, list_scenes())}.toml").read_text(encoding="utf-8"))
 
 
+@told
 def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str, Any] | None = None) -> Scene:
     """Return the scene in a TOML file, or the shipped scene of that name.
 
@@ -346,6 +348,7 @@ def _drive(table: Any) -> Any:
     return from_table(table, "drive", kinds, nested)
 
 
+@told
 def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     """Write the scene as TOML with its packing inline; `read_scene` returns an equal scene, to the last bit.
 

@@ -546,6 +546,8 @@ def _stability_rows(numbers: Mapping[str, Any]) -> list[Row]:
 
 def _moduli_rows(numbers: Mapping[str, Any], unit: str) -> list[Row]:
     shear = f"simple shear xy, relaxed; mean over directions {numbers['shear_modulus_mean']:.4g}, {unit}"
+    if numbers.get("contacts_at_limit"):
+        shear += f"; the {numbers['contacts_at_limit']} contacts at the Coulomb limit stick"
     if numbers["shear_modulus"] < 0.0:
         shear += "; NEGATIVE: this shear lowers the energy"
     if not numbers["elastically_stable"]:

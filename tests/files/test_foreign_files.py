@@ -487,3 +487,16 @@ def test_a_data_file_of_a_square_box_is_dumped_by_lammps_to_the_last_bit(tmp_pat
     assert pm.read_packing(tmp_path / "a.dump") == packing
     with pytest.warns(UserWarning, match="section Pair Coeffs"):
         assert pm.read_packing(tmp_path / "b.data") == packing
+
+
+def test_types_that_are_not_numbered_by_size_are_named_and_kept_by_a_snapshot(tmp_path):
+    square = pm.lattice_packing("square", repeats=(2, 1)).replace(radius_n=[0.5, 0.4])
+    mine, again = tmp_path / "mine.dump", tmp_path / "again.dump"
+    pm.write_packing(pm.Snapshot(square, {"type": [1, 2]}), mine)
+    with pytest.warns(UserWarning, match=r"\(pm.read_trajectory keeps .*\) has no place for them: fields type$"):
+        assert pm.read_packing(mine) == square
+    pm.write_packing(pm.read_trajectory(mine)[-1], again)
+    assert pm.read_trajectory(again)[0].fields["type"].tolist() == [1, 2]
+    # types by size, which writing a packing gives it, are no news
+    pm.write_packing(square, again)
+    assert pm.read_packing(again) == square and pm.read_trajectory(again)[0].fields["type"].tolist() == [2, 1]

@@ -300,7 +300,31 @@ def test_the_residual_of_a_packing_that_is_not_at_rest_is_that_of_all_its_contac
     # the law's force is the relative overlap over the contact distance
     mean = np.mean(contacts.overlap_c / contacts.contact_distance_c)
     largest = np.sqrt((pm.forces(scene) ** 2).sum(axis=1)).max()
-    np.testing.assert_allclose(pm.elastic_moduli(scene).force_residual, largest / mean, rtol=1e-9)
+    with pytest.warns(UserWarning, match="scene should be at rest"):
+        moduli = pm.elastic_moduli(scene)
+    np.testing.assert_allclose(moduli.force_residual, largest / mean, rtol=1e-9)
+
+
+def test_moduli_of_a_packing_as_drawn_say_first_that_it_is_not_at_rest():
+    with pytest.warns(UserWarning, match="64 of 64 particles count as rattlers by contacts that do not balance"):
+        moduli = pm.elastic_moduli(not_at_rest())
+    first, second = repr(moduli).splitlines()[:2]
+    residual = f"{moduli.force_residual:.2g}"
+    assert first.endswith(f"not at rest (force residual {residual}): relax it first with pm.quench or pm.jam")
+    assert second == "  bulk modulus 0, shear modulus 0" and "not at rest" in moduli._repr_html_()
+    assert "not at rest" in repr(pm.contact_forces(not_at_rest())).splitlines()[0]
+    with pytest.warns(UserWarning, match="all rattle"):
+        assert pm.coordination_number(not_at_rest().packing) == 0.0
+    # nothing was decided from the forces here, and the first line still says it
+    assert "not at rest" in repr(pm.elastic_moduli(not_at_rest(), rattlers="keep"))
+
+
+def test_a_packing_that_touches_to_rounding_counts_as_at_rest():
+    # moved off round numbers, so that some pairs overlap by rounding and others do not
+    kagome = pm.lattice_packing("kagome", repeats=(2, 2))
+    moved = kagome.replace(position_nd=kagome.position_nd + np.array([0.123456, 0.654321]))
+    moduli = pm.elastic_moduli(pm.Scene(moved, (pm.Repulsion(),)), gap_tolerance=1e-9)
+    assert moduli.at_rest and "not at rest" not in repr(moduli)
 
 
 def test_the_compliance_of_a_packing_that_is_not_at_rest_is_refused():

@@ -173,10 +173,21 @@ def test_without_friction_it_is_the_hessian_and_no_bit_of_the_moduli_differs(dim
     assert np.abs(matrix[np.ix_(kept, kept)] - pm.hessian(bare).toarray()).max() < 1e-13
     assert not np.delete(matrix, kept, axis=0).any()
     smooth = scene.replace(packing=scene.packing.replace(tangential=None)).without(pm.Friction)
-    told = pm.elastic_moduli(smooth)
-    moduli = pm.elastic_moduli(scene.replace(effects=(HARD, pm.Friction(0.0, 0.7))))
+    # springs across carry a part here: without them nothing is at rest, and all would rattle
+    told = pm.elastic_moduli(smooth, rattlers="keep")
+    moduli = pm.elastic_moduli(scene.replace(effects=(HARD, pm.Friction(0.0, 0.7))), rattlers="keep")
     assert np.array_equal(moduli.cauchy, told.cauchy) and np.array_equal(moduli.affine, told.affine)
     assert moduli.contacts == told.contacts and not len(moduli.at_limit_k)
+
+
+def test_moduli_with_friction_say_what_contacts_at_the_limit_do():
+    rough = pressed(2)
+    for choice, said in (("stick", "stick"), ("slip", "slip"), ([[0.0, 1.0], [1.0, 0.0]], "strain")):
+        moduli = pm.elastic_moduli(rough, contacts_at_limit=choice)
+        assert moduli.contacts_at_limit == said and len(moduli.at_limit_k)
+        assert f"{len(moduli.at_limit_k)} at the Coulomb limit: '{said}'" in repr(moduli)
+    smooth = rough.replace(packing=rough.packing.replace(tangential=None)).without(pm.Friction)
+    assert pm.elastic_moduli(smooth, rattlers="keep").contacts_at_limit == ""
 
 
 @pytest.mark.parametrize("stiffness", [0.3, 2.0])

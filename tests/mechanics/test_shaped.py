@@ -1,6 +1,7 @@
 """Facts about the mechanics of packings of ellipses and spheroids: Hessian, modes, moduli, counts, quartic modes."""
 
 import functools
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -180,9 +181,11 @@ def test_a_packing_whose_particles_all_rattle_has_nothing(d):
     )  # fmt: skip
     for packing in (start, few):
         scene = pm.Scene(packing, (pm.Repulsion(),))
-        moduli = pm.elastic_moduli(scene)
+        # the two that touch are not at rest
+        with pytest.warns(UserWarning, match="2 of 2 particles count as") if packing is few else nullcontext():
+            moduli, modes = pm.elastic_moduli(scene), pm.normal_modes(scene)
         assert moduli.particles == 0 and not moduli.cauchy.any()
-        assert len(pm.quartic_modes(scene)) == len(pm.normal_modes(scene)) == 0
+        assert len(pm.quartic_modes(scene)) == len(modes) == 0
         assert pm.find_rattlers(packing).all()
     # kept, the two that touch have one vibration and the others cost nothing
     assert (pm.normal_modes(scene, kind="unstressed", rattlers="keep").eigenvalue_m > 1e-6).sum() == 1

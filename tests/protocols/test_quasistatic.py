@@ -223,3 +223,10 @@ def test_where_all_changes_are_located_a_change_that_falls_is_located_once_and_p
     fall = run.avalanches[0]
     assert falling[0].strain < fall.strain < falling[0].strain + 1e-4 / 1000.0
     assert fall.energy_drop > 0.0
+
+
+def test_a_cycle_that_was_stopped_says_how_many_of_its_steps_are_done():
+    (run,) = pm.cyclic_shear(scene(), 0.5, step=1e-3, time_limit=0.1, check=False)
+    assert run.outcome is pm.Outcome.TIME_LIMIT
+    assert str(run.unmet[0]).startswith("steps of strain of the cycle ")
+    assert f"where 2000 was asked for (it stands at shear strain {run.strain_t[-1]:.4g})" in str(run.unmet[0])

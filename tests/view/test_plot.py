@@ -1,5 +1,6 @@
 """Facts about `pm.plot`: given axes come back, labelled with units, with a legend where there are several lines."""
 
+import dataclasses
 import functools
 
 import matplotlib
@@ -185,7 +186,7 @@ def test_modes_and_motions_are_arrows_on_their_packing():
 def test_what_has_no_figure_and_what_is_no_option_are_refused_by_name():
     with pytest.raises(TypeError, match="thing must be one of .*Packing"):
         pm.plot(3)
-    with pytest.raises(TypeError, match="options of a figure of Packing: .*colour"):
+    with pytest.raises(TypeError, match="figure of Packing: has no argument 'colour'; did you mean 'color'"):
         pm.plot(jammed().packing, colour="size")
     with pytest.raises(TypeError, match="ax must be one matplotlib Axes"):
         pm.plot(jammed(), plt.subplots(1, 2)[1])
@@ -199,3 +200,33 @@ def test_a_picture_beside_a_result_is_made_of_every_kind_that_has_one():
     assert {type(one) for one in (jammed(), jammed().packing)} <= set(_FIGURES)
     for thing in (jammed(), jammed().packing, pm.density_of_states(jammed(), 8)):
         assert picture_of(thing).startswith("<div><svg")
+
+
+def test_verdicts_moduli_and_contact_forces_have_figures():
+    packing, loose = kagome()
+    tight = pm.classify_jamming(jammed())
+    for verdict, arrows in ((loose, True), (tight, False)):
+        ax = pm.plot(verdict)
+        assert any(type(one).__name__ == "Quiver" for one in ax.collections) is arrows
+        # a line for each contact, two where it crosses the edge
+        lines = next(one for one in ax.collections if type(one).__name__ == "LineCollection")
+        assert len(lines.get_segments()) >= len(verdict.network)
+        assert verdict.collective in ax.get_title() and rendered(ax)
+    with pytest.raises(TypeError, match=r"packing must be the packing of this motion for pm.plot, pm.plot\(motion"):
+        pm.plot(loose.unjamming_motion)
+    assert rendered(pm.plot(pm.contact_forces(jammed())))
+    moduli = pm.elastic_moduli(jammed())
+    ax = pm.plot(moduli, tangent="energy")
+    assert [one.get_text() for one in ax.texts][0] == f"{moduli.energy[0, 0]:.3g}"
+    assert len(ax.texts) == 9 and ax.get_xlabel() == "strain" and rendered(ax)
+
+
+def test_negative_moduli_are_empty_marks_on_a_logarithmic_axis():
+    found = dataclasses.replace(OTHERS["complex modulus"][0](), frequency_f=np.array([0.1, 0.2]))
+    value_f = np.array([-2.0, 3.0]) + 0.5j
+    ax = pm.plot(dataclasses.replace(found, modulus_f=value_f))
+    shown = {line.get_label(): line for line in ax.get_lines()}
+    np.testing.assert_array_equal(shown["$G'$"].get_ydata(), [np.nan, 3.0])
+    below = shown["$-$$G'$ (negative)"]
+    assert below.get_ydata().tolist() == [2.0] and below.get_markerfacecolor() == "none"
+    plt.close("all")

@@ -500,8 +500,8 @@ class _Shear:
         self.work = self.growth = 0.0
         # whether contacts have changed, located or not
         self.changed = False
-        # the strain at the end
-        self.goal = 0.0
+        # the strains to go through, and how many of them are done
+        self.goals, self.done = np.zeros(1), 0
         # networks since the strain last grew, and that strain: changes there and back are not located again and again
         self.lately: set[Pairs] = set()
         self.since = self.shortest = 0.0
@@ -515,7 +515,7 @@ class _Shear:
     def through(self, goals: NDArray[np.float64]) -> Outcome:
         """Go to the pressure, then through all strains."""
         protocol, unit = self.protocol, self.protocol.scene.pressure_unit
-        self.goal = float(goals[-1])
+        self.goals = goals
         if self.asked is not None:
             outcome = PressurePath(protocol).go(self.asked)
             if not outcome.ok:
@@ -534,6 +534,7 @@ class _Shear:
             self.protocol.loop.report(
                 "shear", strain=goal, shear_stress=self.rows[-1][1], avalanches=len(self.avalanches)
             )
+            self.done += 1
         return Outcome.FINISHED
 
     def _towards(self, path: StrainPath, goal: float) -> Outcome | None:
@@ -653,6 +654,14 @@ class _Shear:
             )
         )
 
+    def _end(self, strain: float) -> Condition:
+        """Return how far the run came: in strain, or in steps where it turns on the way and ends where it began."""
+        goal = float(self.goals[-1])
+        if np.abs(self.goals).max() <= abs(goal):
+            return Condition("shear strain", strain, goal, 0.0)
+        hint = f"it stands at shear strain {strain:.4g}"
+        return Condition("steps of strain of the cycle", self.done, len(self.goals), 0.0, hint)
+
     def finish(self, outcome: Outcome) -> QuasistaticShear:
         """Return the run as far as it came."""
         table = np.array(self.rows).reshape(-1, len(_COLUMNS)).T.copy()
@@ -669,7 +678,7 @@ class _Shear:
         return QuasistaticShear(
             packing=packing.replace(box=small).wrapped(),
             outcome=outcome,
-            unmet=unmet_conditions(outcome, Condition("shear strain", strain, self.goal, 0.0)),
+            unmet=unmet_conditions(outcome, self._end(strain)),
             residual=residual,
             steps=iterations,
             force_evaluations=iterations,
