@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import packmech as pm
-from packmech.check import one_of
+from packmech.check import BoxStrain, one_of
 from packmech.cli import OK
 from packmech.cli.output import (
     Files,
@@ -31,6 +31,8 @@ from packmech.files.records import kind_of, kinds_of, to_table
 from packmech.scene import Scene
 from packmech.view.report import check_verdict_settings, examine
 
+_STRAINS: tuple[BoxStrain, ...] = ("isotropic", "free")
+
 
 def analyze(
     file: Annotated[Path, Parameter(help="a packing: .npz, .gsd, .data, .dump, .xyz, .csv, ... (pm.read_packing)")],
@@ -38,6 +40,7 @@ def analyze(
     *,
     load: Load = (),
     law: str | None = None,
+    strain: str = "isotropic",
     gap_tolerance: GapTolerance = None,
     method: Method = "certificate",
     record: Record = None,
@@ -50,18 +53,21 @@ def analyze(
     ----------
     law
         harmonic, hertz, ... of energy scale 1; else the file's own law, else harmonic
+    strain
+        for the isostatic number of contacts: "isotropic" where the box kept its shape, "free" where every one relaxed
 
     """
     load_modules(load)
     files, count = Files(record, None, json), check_modes(modes)
     check_verdict_settings(gap_tolerance, method)
+    asked = one_of("strain", strain, _STRAINS)
     packing = read_packing(file)
     chosen, source = _law(file, law)
     scene = Scene(packing, (Repulsion(law=chosen),))
     settings = {name: value for name, value in to_table(chosen).items() if name != "kind"}
     show(f"law: {kind_of(type(chosen))} {settings} ({source})")
     with working("analyzing") as say:
-        report = examine(scene, modes=count, gap_tolerance=gap_tolerance, method=method, progress=say)
+        report = examine(scene, strain=asked, modes=count, gap_tolerance=gap_tolerance, method=method, progress=say)
     title, summary, numbers = title_of(file.name, report), report.summary(), report.to_dict()
     show_summary(title, summary)
     files.write_json(numbers)

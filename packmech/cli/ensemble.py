@@ -25,10 +25,17 @@ from packmech.files.tables import write_table
 
 Texts = Annotated[list[str] | None, Parameter(consume_multiple=True)]
 # failures that status lists, and results that table shows unless they are named
-_LISTED, _COLUMNS = 10, 6
+_LISTED, _COLUMNS = 10, 7
 # results that come first in tables
-_FIRST = ("jamming_packing_fraction", "packing_fraction", "contacts", "bulk_modulus", "shear_modulus", "pressure")
-
+_FIRST = (
+    "jamming_packing_fraction",
+    "packing_fraction",
+    "coordination_number",
+    "contacts",
+    "bulk_modulus",
+    "shear_modulus",
+    "pressure",
+)
 
 Folder = Annotated[Path, Parameter(help="where everything is kept: a signac project")]
 Of = Annotated[Texts, Parameter(help="results that it is about, named as in the table (default: numbers that vary)")]

@@ -222,6 +222,10 @@ def examine(
     elif verdict:
         with _part(report, "verdict", progress):
             _verdict(report, *asked)
+    if "coordination_number" not in report.numbers:  # with friction it counts contacts that bear a force
+        # made of the counts that are told, which the verdict may have bettered
+        held = report.numbers["particles"] - report.numbers["rattlers"]
+        report.numbers["coordination_number"] = 2.0 * report.numbers["contacts"] / held if held else 0.0
     with _part(report, "moduli", progress):
         _moduli(report)
     if modes:
@@ -300,7 +304,8 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     if friction_of(scene.effects) is not None:
         rough = contact_forces(scene)
         isostatic = math.ceil(0.5 * backbone * rough.isostatic_coordination)
-        at_limit = {name: rough.to_dict()[name] for name in ("contacts_at_limit", "doubtful_at_limit")}
+        named = ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
+        at_limit = {name: rough.to_dict()[name] for name in named}
     return {
         "bears": _carries_force(packing, contacts),
         "rattlers": packing.particles - backbone,
@@ -456,6 +461,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         ("pressure", f"{numbers['pressure']:.6g}", unit),
         _residual(numbers["force_residual"]),
         _contacts_row(numbers),
+        _coordination_row(numbers),
         _rattlers(numbers),
     ]
     if "links" in numbers:
@@ -495,7 +501,10 @@ def _frequencies(frequencies: Sequence[float], floor: float) -> Row:
 
 def _contacts_row(numbers: Mapping[str, Any]) -> Row:
     d = numbers["dimension"]
-    extra = 1 if numbers["strain"] == "isotropic" else d * (d + 1) // 2
+    all_strains = d * (d + 1) // 2
+    extra, other, words = (
+        (1, all_strains, "free") if numbers["strain"] == "isotropic" else (all_strains, 1, "isotropic")
+    )
     note = f"isostatic: {numbers['isostatic_contacts']}"
     if numbers["isostatic_contacts"] is None:
         note = f"and {numbers['wall_contacts']} with walls"
@@ -508,10 +517,17 @@ def _contacts_row(numbers: Mapping[str, Any]) -> Row:
     elif numbers["isostatic_contacts"]:
         less = " - L'" if "links" in numbers else ""
         note += f" = {d}N'{extra - d:+d}{less}, strain {numbers['strain']}"
+        note += f" ({numbers['isostatic_contacts'] + other - extra} with strain {words})"
     if "states_of_self_stress" in numbers:
         states = numbers["states_of_self_stress"]
         note += f"; {states} state{'s' if states != 1 else ''} of self stress"
     return ("contacts", str(numbers["contacts"]), note)
+
+
+def _coordination_row(numbers: Mapping[str, Any]) -> Row:
+    which = "contacts that bear a force" if "contacts_at_limit" in numbers else "contacts"
+    note = f"{which} per particle that is no rattler, 2 N_c / N'"
+    return ("coordination number", f"{numbers['coordination_number']:.4f}", note)
 
 
 def _rattlers(numbers: Mapping[str, Any]) -> Row:

@@ -175,6 +175,10 @@ def test_analyze_of_the_written_packing_finds_the_same_numbers(jammed):
     same = JSON_FIELDS - {"seconds", "force_residual"}
     assert {name: again[name] for name in same} == {name: numbers[name] for name in same}
     assert "stored with it" in done.stdout
+    packmech("analyze", "end.npz", "--strain", "free", "--json", "free.json", folder=folder)
+    free = json.loads((folder / "free.json").read_text())
+    assert free["isostatic_contacts"] == numbers["isostatic_contacts"] + 2
+    assert free["coordination_number"] == numbers["coordination_number"]
 
 
 def test_run_does_what_the_drive_of_the_scene_says(jammed, tmp_path):

@@ -63,3 +63,14 @@ def test_wrong_words_are_refused(tmp_path, words, message):
         return
     with pytest.raises((ValueError, FileNotFoundError, CycloptsError), match=message):
         execute(["ensemble", *words, "--folder", str(tmp_path / "out")])
+
+
+@pytest.mark.parametrize(("letter", "name"), [("z", "coordination_number"), ("phi_J", "jamming_packing_fraction")])
+def test_the_letter_of_a_result_suggests_its_name(tmp_path, letter, name):
+    (tmp_path / "job.py").write_text(
+        "def told(seed):\n    return {'coordination_number': 4.0 + seed, 'jamming_packing_fraction': 0.84}\n"
+    )
+    folder = ["--folder", str(tmp_path / "out")]
+    assert execute(["ensemble", f"{tmp_path}/job.py:told", "--seeds", "0:2", "--workers", "0", *folder]) == OK
+    with pytest.raises(ValueError, match=f"did you mean '{name}'"):
+        execute(["ensemble", "table", "--of", letter, *folder])

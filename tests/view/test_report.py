@@ -179,3 +179,14 @@ def test_a_pile_has_no_rattlers_and_no_isostatic_count():
     assert numbers["isostatic_contacts"] is None
     assert numbers["wall_contacts"] == len(pm.wall_contacts(scene)) > 0
     assert numbers["contacts"] == len(pm.find_contacts(scene.packing))
+
+
+def test_the_report_of_a_crystal_has_six_contacts_per_particle_and_both_isostatic_counts():
+    report = examine(crystal(), modes=0)
+    assert report.numbers["coordination_number"] == 6.0 == pm.coordination_number(crystal().packing)
+    rows = result_rows(report.numbers, report.missing)
+    assert row(rows, "coordination number")[1] == "6.0000"
+    assert "31 = 2N'-1, strain isotropic (33 with strain free)" in row(rows, "contacts")[2]
+    free = examine(crystal(), modes=0, strain="free")
+    assert free.numbers["isostatic_contacts"] == 33
+    assert "33 = 2N'+1, strain free (31 with strain isotropic)" in row(result_rows(free.numbers, {}), "contacts")[2]
