@@ -104,11 +104,12 @@ def _finite(value: Any) -> Any:
 
 def show(thing: Any, *, error: bool = False) -> None:
     """Print a text or a table; where the output is no terminal, whole lines without blanks at their ends."""
-    console = Console(stderr=error, highlight=False)
+    # texts hold brackets of their own, as of [packing] in a scene file
+    console = Console(stderr=error, highlight=False, markup=False, emoji=False)
     if console.is_terminal:
         console.print(thing)
         return
-    wide = Console(highlight=False, width=_UNLIMITED)
+    wide = Console(highlight=False, markup=False, emoji=False, width=_UNLIMITED)
     with wide.capture() as lines:
         wide.print(thing)
     stream = sys.stderr if error else sys.stdout

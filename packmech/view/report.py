@@ -53,6 +53,15 @@ _OF_RUN = (
     *("pressure_asked", "stress_anisotropy", "gap_error", "force_imbalance", "redundant_patches"),
 )
 
+# what is not asked with friction, and what to use instead
+_WITH_FRICTION = {
+    "verdict": "it is about particles without friction, whose contacts push along their normals alone; with friction "
+    "compare contacts with the isostatic number, and see pm.contact_forces and `packmech guide friction`",
+    "modes": "with friction: pm.frictional_modes",
+}
+# largest net force over the mean contact force of what is at rest, where no verdict knows better [1]
+_AT_REST = 1e-5
+
 ReportFunction = Callable[[Scene], bool | int | float | str | None]
 
 
@@ -216,7 +225,10 @@ def examine(
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
     report = Report(scene, _counts(scene, strain), run=run)
-    if verdict and scene.packing.shapes.has_orientations:
+    rough = friction_of(scene.effects) is not None
+    if rough:
+        report.missing |= _WITH_FRICTION if modes else {"verdict": _WITH_FRICTION["verdict"]}
+    elif verdict and scene.packing.shapes.has_orientations:
         with _part(report, "quartic modes", progress):
             _stability(report)
     elif verdict:
@@ -228,7 +240,7 @@ def examine(
         report.numbers["coordination_number"] = 2.0 * report.numbers["contacts"] / held if held else 0.0
     with _part(report, "moduli", progress):
         _moduli(report)
-    if modes:
+    if modes and not rough:
         with _part(report, "modes", progress):
             _modes(report, modes)
     for figure in REPORT_FIGURES.values():
@@ -453,6 +465,9 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
     d = numbers["dimension"]
     unit = f"energy_scale / diameter^{d}"
     rows: list[Row] = []
+    if _moves(numbers):
+        note = "counts, verdict and moduli mean little as it stands: relax it first, by packmech jam FILE or pm.quench"
+        rows.append(("NOT AT REST", "", note))
     if "jamming_packing_fraction" in numbers:
         note = f"of the hard packing, rattlers included; protocol {numbers['method']}"
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
@@ -483,6 +498,15 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
             rows.append((figure.label, f"{value:.6g}" if isinstance(value, float) else str(value), figure.unit))
     rows += [(part, "not available", reason) for part, reason in missing.items()]
     return rows
+
+
+def _moves(numbers: Mapping[str, Any]) -> bool:
+    """Whether a packing that was given, not made by a run, is out of balance."""
+    if "outcome" in numbers or numbers["force_residual"] is None:
+        return False
+    if numbers.get("at_rest") is not None:
+        return not numbers["at_rest"]
+    return bool(numbers["force_residual"] > _AT_REST)
 
 
 def _residual(residual: float | None) -> Row:

@@ -226,6 +226,29 @@ def test_a_touching_lattice_is_analyzed_with_no_residual_and_null_in_its_json(tm
     assert json.loads((tmp_path / "kagome.json").read_text())["force_residual"] is None
 
 
+def test_a_packing_that_is_not_at_rest_is_told_first_and_called_jammed_by_nothing(tmp_path):
+    pm.write_packing(pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=1), tmp_path / "raw.csv")
+    lines = packmech("analyze", "raw.csv", folder=tmp_path).stdout.splitlines()
+    title = next(k for k, line in enumerate(lines) if "32 discs" in line)
+    assert "NOT AT REST" in lines[title + 2] and "packmech jam FILE" in lines[title + 2]
+    assert not any("jammed to first order" in line for line in lines)
+
+
+def test_a_packing_held_by_friction_is_analyzed_with_its_coefficient_only(tmp_path):
+    crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=1e-3)
+    first = pm.find_contacts(crystal).select(np.arange(1))
+    springs = pm.TangentialDisplacements(first.i_c, first.j_c, first.image_cd, np.zeros((1, 1)))
+    pm.write_packing(crystal.replace(tangential=springs), tmp_path / "rough.npz")
+    refused = packmech("analyze", "rough.npz", folder=tmp_path)
+    assert refused.returncode == 2 and "friction must be given for a packing that friction holds" in one_line(refused)
+    done = packmech("analyze", "rough.npz", "--friction", "0.5", "--json", "rough.json", folder=tmp_path)
+    assert json.loads((tmp_path / "rough.json").read_text())["coordination_number"] == 6.0
+    assert "'coefficient': 0.5" in done.stdout and "with friction; 0 at the Coulomb limit" in done.stdout
+    assert "it is about particles without friction" in done.stdout and "would ignore" not in done.stdout
+    smooth = packmech("analyze", "rough.npz", "--friction", "0", folder=tmp_path)
+    assert "strictly jammed" in smooth.stdout and "tangential springs left out" in smooth.stdout
+
+
 def test_scenes_lists_every_shipped_scene(tmp_path):
     done = packmech("scenes", folder=tmp_path)
     assert all(name in done.stdout for name in pm.list_scenes())
