@@ -425,6 +425,11 @@ def read_law(path: PathLike) -> Any:
     return _in_file(found, lambda: npz.read_law(found))
 
 
+def is_packing_file(path: PathLike) -> bool:
+    """Return whether a file name ends as those that `read_packing` reads."""
+    return Path(path).suffix.lower() in _ENDINGS
+
+
 def target_file(path: PathLike, *, packing: bool = False) -> Path:
     """Return the file to be written, after checking its folder and, for a packing, its ending."""
     target = _named(path)
