@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from packmech.cli import SEVERAL
-from packmech.cli.output import show
+from packmech.cli.output import WHOLE, show
 from packmech.files.packings import is_packing_file, read_law
 from packmech.files.records import to_table, value_of_text
 from packmech.scene import Scene, registered_drives
@@ -48,8 +48,8 @@ class Changes:
     """
 
     set: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
-    particles: int | None = None
-    dimension: int | None = None
+    particles: Annotated[int | None, WHOLE] = None
+    dimension: Annotated[int | None, WHOLE] = None
     packing_fraction: float | None = None
     law: str | None = None
     friction: float | None = None

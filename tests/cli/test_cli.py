@@ -272,6 +272,11 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (("analyze", "nan.txt"), "position_nd must be finite"),
         (("analyze", "pair.txt", "--law", "sticky"), "packmech: law must be one of"),
         (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
+        (("jam", "--particles", "64.5"), "must be a whole number, got '64.5'"),
+        (
+            ("jam", "--packing-fraction", "90"),
+            "packing_fraction must be at most 5, got 90.0: it is the particles'",
+        ),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(tmp_path, arguments, message):
@@ -320,6 +325,24 @@ def test_ctrl_c_waits_until_the_compiler_is_done():
             time.sleep(0.05)
         seen.append("never interrupted")
     assert seen == ["compiled"]
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_the_wait_for_the_compiler_is_told_once(capsys, monkeypatch):
+    from packmech.jit import interrupts
+
+    def compiling():
+        for _ in range(3):
+            with interrupts.held_interrupts():
+                signal.raise_signal(signal.SIGINT)
+
+    inside = {"__name__": "numba.core.dispatcher", "compiling": compiling}
+    exec("def compile(): compiling()", inside)
+    monkeypatch.setattr(interrupts, "_announced", -np.inf)
+    with pytest.raises(KeyboardInterrupt), interrupts.safe_interrupts():
+        inside["compile"]()
+        time.sleep(5.0)
+    assert capsys.readouterr().err.count("stopping when") == 1
 
 
 @pytest.mark.usefixtures("ctrl_c")
