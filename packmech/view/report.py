@@ -61,6 +61,10 @@ _WITH_FRICTION = {
 }
 # largest net force over the mean contact force of what is at rest, where no verdict knows better [1]
 _AT_REST = 1e-5
+# overlap over the contact distance beyond which laws of contacts are out of place [1]
+_DEEP = 0.5
+# how many different sizes are listed, each with its count
+_FEW = 4
 
 ReportFunction = Callable[[Scene], bool | int | float | str | None]
 
@@ -291,6 +295,7 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     return {
         "particles": packing.particles,
         "dimension": packing.dimension,
+        **_sizes(packing),
         "packing_fraction": packing_fraction(packing),
         "pressure": pressure(scene) / unit + 0.0,  # no minus zero
         "pressure_unit": unit,
@@ -300,6 +305,15 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
     }
+
+
+def _sizes(packing: Packing) -> dict[str, Any]:
+    """Return the smallest and the largest diameter [length], and each with its count where there are few."""
+    if packing.shapes.has_orientations:
+        return {}
+    diameter, count = np.unique(2.0 * packing.radius_n, return_counts=True)
+    listed = list(zip(diameter.tolist(), count.tolist(), strict=True)) if len(diameter) <= _FEW else []
+    return {"diameter_min": float(diameter[0]), "diameter_max": float(diameter[-1]), "diameters": listed}
 
 
 def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
@@ -318,8 +332,10 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         isostatic = math.ceil(0.5 * backbone * rough.isostatic_coordination)
         named = ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
         at_limit = {name: rough.to_dict()[name] for name in named}
+    overlap_c = -contacts.gap_c / contacts.contact_distance_c
     return {
         "bears": _carries_force(packing, contacts),
+        "largest_overlap": float(overlap_c.max(initial=0.0)) + 0.0,
         "rattlers": packing.particles - backbone,
         "contacts": int((~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]).sum()),
         "isostatic_contacts": None if acting else isostatic,
@@ -472,7 +488,9 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         note = f"of the hard packing, rattlers included; protocol {numbers['method']}"
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
     rows += [
+        *_sizes_row(numbers),
         ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
+        *_deep_row(numbers),
         ("pressure", f"{numbers['pressure']:.6g}", unit),
         _residual(numbers["force_residual"]),
         _contacts_row(numbers),
@@ -507,6 +525,25 @@ def _moves(numbers: Mapping[str, Any]) -> bool:
     if numbers.get("at_rest") is not None:
         return not numbers["at_rest"]
     return bool(numbers["force_residual"] > _AT_REST)
+
+
+def _sizes_row(numbers: Mapping[str, Any]) -> list[Row]:
+    """Return how large the particles are, where the numbers hold it."""
+    if "diameters" not in numbers:
+        return []
+    words, note = ", ".join(f"{count} of {size:.6g}" for size, count in numbers["diameters"]), "particles of a diameter"
+    if not words:
+        words, note = f"{numbers['diameter_min']:.4g} to {numbers['diameter_max']:.4g}", "diameters"
+    return [("sizes", words, f"{note}, in the scene's unit of length; sizes under [packing] sets them")]
+
+
+def _deep_row(numbers: Mapping[str, Any]) -> list[Row]:
+    """Return the largest overlap, over the contact distance, where it is more than laws of contacts are meant for."""
+    overlap = numbers.get("largest_overlap", 0.0)
+    if overlap <= _DEEP:
+        return []
+    note = f"DEEP: beyond {_DEEP:.0%} of the contact distance laws of contacts mean little; lower the pressure"
+    return [("largest overlap", f"{overlap:.1%}", note)]
 
 
 def _residual(residual: float | None) -> Row:
