@@ -72,9 +72,9 @@ def __getattr__(name: str) -> Any:
     found = importlib.import_module(module)
     value = getattr(found, name, None) or importlib.import_module(f"{module}.{name}")
     if isinstance(value, type):
-        from packmech.check import tell
+        from packmech.check import clear_fields
 
-        tell(value)
+        clear_fields(value)
     globals()[name] = value
     return value
 

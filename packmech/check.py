@@ -190,16 +190,37 @@ def one_of(name: str, value: Any, choices: Collection[Word]) -> Word:
     raise ValueError(f"{name} must be one of {listed}, got {brief(value)}{did_you_mean(value, choices)}")
 
 
+# letters of the field for names that packmech spells out
+_LETTERS = {
+    "z": "coordination_number",
+    "phi": "packing_fraction",
+    "phi_j": "jamming_packing_fraction",
+    "phij": "jamming_packing_fraction",
+    "p": "pressure",
+    "k": "bulk_modulus",
+    "b": "bulk_modulus",
+    "g": "shear_modulus",
+    "mu": "friction",
+    "n": "particles",
+    "d": "dimension",
+}
+
+
 def did_you_mean(value: Any, choices: Iterable[str]) -> str:
     """Return the end of a message that names the choice nearest in spelling; empty where none is near.
 
+    The field's letter for a choice, such as z or phi_J, is near it, too.
+
     Examples
     --------
-    >>> did_you_mean("hertzian", ("harmonic", "hertz"))
-    "; did you mean 'hertz'?"
+    >>> did_you_mean("hertzian", ("harmonic", "hertz")), did_you_mean("z", ("coordination_number", "pressure"))
+    ("; did you mean 'hertz'?", "; did you mean 'coordination_number'?")
 
     """
     by_lower = {choice.lower(): choice for choice in choices}
+    letter = _LETTERS.get(str(value).lower())
+    if letter in by_lower:
+        return f"; did you mean {by_lower[letter]!r}?"
     near = difflib.get_close_matches(str(value).lower(), by_lower, 1)
     return f"; did you mean {by_lower[near[0]]!r}?" if near else ""
 
@@ -275,7 +296,7 @@ def warn(message: str) -> None:
     warnings.warn(message, stacklevel=level)
 
 
-def told(call: Callable[P, R]) -> Callable[P, R]:
+def clear_errors(call: Callable[P, R]) -> Callable[P, R]:
     """Return a public function whose errors of arguments name the one that was probably meant (`call_fault`)."""
 
     @functools.wraps(call)
@@ -291,8 +312,8 @@ def told(call: Callable[P, R]) -> Callable[P, R]:
     return wrapped
 
 
-def tell(kind: type) -> None:
-    """Have a class say at a wrong field, too, which one was probably meant, as `told` has a function do it."""
+def clear_fields(kind: type) -> None:
+    """Have a class say at a wrong field, too, which one was probably meant, as `clear_errors` has a function do it."""
     maker = "__new__" if hasattr(kind, "_fields") else "__init__"
     make: Any = getattr(kind, maker)
     if maker not in kind.__dict__ or not inspect.isfunction(make) or hasattr(make, "__wrapped__"):

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
-from packmech.check import told
+from packmech.check import clear_errors
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -253,7 +253,7 @@ def honors(columns: str, **how: Unpack[HowHonored]) -> Callable[[Callable[P, R]]
         names = list(inspect.signature(function).parameters)
         place = next((names.index(one) for one in ("scene", "packing") if one in names), 0)
         name = names[place]
-        declared, clear = declare(function.__name__, columns, **how), told(function)
+        declared, clear = declare(function.__name__, columns, **how), clear_errors(function)
 
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, ParamSpec, TypeVar
 
-from packmech.check import function, told
+from packmech.check import clear_errors, function
 
 # what calls take as `progress`: a function of the stage and its figures, False for none, None for the line here
 Report = Callable[[str, dict[str, Any]], None]
@@ -152,7 +152,7 @@ def shown_as(words: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Return a decorator of a call that may take long: the line shows these words while it lasts."""
 
     def decorated(call: Callable[P, R]) -> Callable[P, R]:
-        clear = told(call)
+        clear = clear_errors(call)
 
         @functools.wraps(call)
         def wrapped(*given: P.args, **named: P.kwargs) -> R:

@@ -24,6 +24,8 @@ Begin here:
   packmech jam mine.toml --set drive.pressure=1e-4
   packmech guide                                 what there is to read
 Help on a verb: packmech VERB --help"""
+# what to do where one run is asked for several values
+SEVERAL = "one run for each value, or for each seed, is made by packmech ensemble SCENE"
 # verb: what it does. Its function is packmech.cli.VERB.VERB
 VERBS = {
     "new": "Write a scene file with comments, to change by hand.",
@@ -65,8 +67,33 @@ def execute(words: Sequence[str]) -> int:
         made.help_print()
         print(NEXT)
         return OK
+    _refuse_several(words)
     code = made(_with_live_target(list(words)))
     return OK if code is None else int(code)
+
+
+def _refuse_several(words: Sequence[str]) -> None:
+    """Refuse what asks one run for several values, and say which verb takes them."""
+    verb, found = words[0], None
+    if verb == "sweep":
+        found = f"verb must be one of {', '.join(VERBS)}, got 'sweep'"
+    elif verb in ("run", "jam"):
+        for k, word in enumerate(words):
+            name = word.partition("=")[0]
+            if name in ("--grid", "--sweep", "--seeds"):
+                found = f"{name} must be left out of packmech {verb}, which makes one run"
+            elif word.startswith("--") and len(words) > k + 2 and all(map(_is_number, words[k + 1 : k + 3])):
+                found = f"{name} must be one number, got {words[k + 1]} {words[k + 2]}"
+    if found is not None:
+        raise ValueError(f"{found}: {SEVERAL} --grid drive.pressure=1e-6,1e-5 --seeds 0:4")
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _with_live_target(words: list[str]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import packmech as pm
-from packmech.check import one_of
+from packmech.check import BoxStrain, one_of
 from packmech.cli import OK
 from packmech.cli.output import (
     Files,
@@ -24,12 +24,14 @@ from packmech.cli.output import (
     title_of,
     working,
 )
-from packmech.effects import Law, Repulsion, registered_laws
+from packmech.effects import Friction, Law, Repulsion, registered_laws
 from packmech.files.modules import load_modules
 from packmech.files.packings import read_law, read_packing
 from packmech.files.records import kind_of, kinds_of, to_table
 from packmech.scene import Scene
 from packmech.view.report import check_verdict_settings, examine
+
+_STRAINS: tuple[BoxStrain, ...] = ("isotropic", "free")
 
 
 def analyze(
@@ -38,6 +40,8 @@ def analyze(
     *,
     load: Load = (),
     law: str | None = None,
+    friction: float | None = None,
+    strain: str = "isotropic",
     gap_tolerance: GapTolerance = None,
     method: Method = "certificate",
     record: Record = None,
@@ -50,18 +54,31 @@ def analyze(
     ----------
     law
         harmonic, hertz, ... of energy scale 1; else the file's own law, else harmonic
+    friction
+        Coulomb's coefficient, of contacts whose tangential springs have stiffness 1, as in `packmech jam --friction`
+    strain
+        for the isostatic number of contacts: "isotropic" where the box kept its shape, "free" where every one relaxed
 
     """
     load_modules(load)
     files, count = Files(record, None, json), check_modes(modes)
     check_verdict_settings(gap_tolerance, method)
+    asked = one_of("strain", strain, _STRAINS)
     packing = read_packing(file)
     chosen, source = _law(file, law)
-    scene = Scene(packing, (Repulsion(law=chosen),))
+    if friction is None and packing.tangential is not None:
+        raise ValueError(
+            f"friction must be given for a packing that friction holds, got none with {len(packing.tangential)} "
+            f"tangential springs in {str(file)!r}: give its coefficient, as --friction 0.5, or 0 to judge it without"
+        )
+    acting = () if not friction else (Friction(friction),)
+    scene = Scene(packing if acting else packing.replace(tangential=None), (Repulsion(law=chosen), *acting))
     settings = {name: value for name, value in to_table(chosen).items() if name != "kind"}
     show(f"law: {kind_of(type(chosen))} {settings} ({source})")
+    if friction is not None:
+        show(f"friction: {to_table(acting[0]) if acting else 'none, tangential springs left out'} (as asked)")
     with working("analyzing") as say:
-        report = examine(scene, modes=count, gap_tolerance=gap_tolerance, method=method, progress=say)
+        report = examine(scene, strain=asked, modes=count, gap_tolerance=gap_tolerance, method=method, progress=say)
     title, summary, numbers = title_of(file.name, report), report.summary(), report.to_dict()
     show_summary(title, summary)
     files.write_json(numbers)

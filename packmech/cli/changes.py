@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from packmech.files.records import value_of_text
-from packmech.scene import Scene
+from packmech.cli import SEVERAL
+from packmech.cli.output import WHOLE, show
+from packmech.files.packings import is_packing_file, read_law
+from packmech.files.records import to_table, value_of_text
+from packmech.scene import Scene, registered_drives
+from packmech.scenes.recipes import PACKINGS
 from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_of_tables
 
 # pressure at which a scene is jammed that gets friction here [energy_scale / diameter^d]
@@ -44,21 +51,37 @@ class Changes:
     """
 
     set: Annotated[tuple[str, ...], Parameter(show_default=False)] = ()
-    particles: int | None = None
-    dimension: int | None = None
+    particles: Annotated[int | None, WHOLE] = None
+    dimension: Annotated[int | None, WHOLE] = None
     packing_fraction: float | None = None
     law: str | None = None
     friction: float | None = None
 
-    def scene(self, name: str, *, seed: int | None) -> Scene:
-        """Return the scene of a file, or a shipped one, with these values."""
-        tables, folder = self.tables(name, seed=seed)
+    def scene(self, name: str, *, seed: int | None, jams: bool = False) -> Scene:
+        """Return the scene of a file, or a shipped one, with these values; one that `jams` may be a packing's file."""
+        packing = Path(name) if is_packing_file(name) else None
+        if packing is not None and not jams:
+            raise ValueError(
+                f"scene must be a scene file (.toml), got the packing {name!r}: packmech jam {name} jams it, "
+                f"packmech analyze {name} examines it as it stands, packmech new my.toml --packing {name} makes a scene"
+            )
+        tables, folder = self.tables(name if packing is None else "default", seed=seed, packing=packing)
         return scene_of_tables(tables, folder, name=name)
 
-    def tables(self, name: str, *, seed: int | None) -> tuple[dict[str, Any], Path]:
-        """Return the tables of a scene file with these values, and the folder that its paths are relative to."""
+    def tables(
+        self, name: str, *, seed: int | None, packing: Path | None = None, beside: Path = Path(".")
+    ) -> tuple[dict[str, Any], Path]:
+        """Return the tables of a scene file with these values, and the folder that its paths are relative to.
+
+        With a packing's file they hold that packing, and the law that is stored with it; its path is relative to the
+        folder that the scene's file will be `beside`.
+        """
         tables, folder = read_scene_tables(name)
+        if packing is not None:
+            tables, folder = _of_file(tables, packing, beside), beside
         changes = self.by_path()
+        for path, value in changes.items():
+            _drop_others(tables, path, value)
         if self.friction is not None:
             effects, drive = tables.get("effects"), tables.get("drive")
             if isinstance(effects, list) and all(one.get("kind") != "friction" for one in effects):
@@ -66,10 +89,10 @@ class Changes:
                 # what is pressed in time takes ever longer to come to rest at ever lower pressures
                 if isinstance(drive, dict) and drive.get("kind") == "jam":
                     drive["pressure"] = max(_PRESSED, drive.get("pressure", _PRESSED))
-                    packing = tables.get("packing", {})
-                    if packing.get("kind") == "random" and packing.get("shapes") is None:
-                        loose = _LOOSE.get(self.dimension or packing.get("dimension", 2), math.inf)
-                        packing["packing_fraction"] = min(loose, packing.get("packing_fraction", loose))
+                    start = tables.get("packing", {})
+                    if start.get("kind") == "random" and start.get("shapes") is None:
+                        loose = _LOOSE.get(self.dimension or start.get("dimension", 2), math.inf)
+                        start["packing_fraction"] = min(loose, start.get("packing_fraction", loose))
             changes["effects.friction.coefficient"] = self.friction
         return changed_tables(tables, seed=seed, changes=changes), folder
 
@@ -86,8 +109,39 @@ class Changes:
             path, given, value = text.partition("=")
             if not given or not path.strip():
                 raise ValueError(f"set must be NAME=VALUE, such as packing.particles=500, got {text!r}")
-            found[path.strip()] = value_of_text(value.strip())
+            found[path.strip()] = read = value_of_text(value.strip())
+            if isinstance(read, str) and all(isinstance(value_of_text(one), float | int) for one in read.split(",")):
+                raise ValueError(f"set must give one value to a name, got {text!r}: {SEVERAL} --grid {text}")
         return found
+
+
+def _of_file(tables: dict[str, Any], file: Path, beside: Path) -> dict[str, Any]:
+    """Return the tables of a scene with the packing of a file in place of its own."""
+    law = read_law(file)
+    effects = [
+        {**one, "law": to_table(law)} if law is not None and "law" in one else one for one in tables.get("effects", [])
+    ]
+    packing = {"kind": "file", "path": os.path.relpath(file, beside)}
+    return {"description": f"The packing in {file.name}", "packing": packing, "effects": effects} | {
+        name: table for name, table in tables.items() if name == "drive"
+    }
+
+
+def _drop_others(tables: dict[str, Any], path: str, kind: Any) -> None:
+    """Leave out, and say so, what a table holds that another kind of packing or drive does not know."""
+    name, _, last = path.partition(".")
+    of_tables: dict[str, Mapping[str, Callable[..., Any]]] = {"packing": PACKINGS, "drive": registered_drives()}
+    kinds = of_tables.get(name, {})
+    table = tables.get(name)
+    if last != "kind" or str(kind) not in kinds or not isinstance(table, dict) or table.get("kind") == kind:
+        return
+    known = inspect.signature(kinds[kind]).parameters
+    dropped = [field for field in table if field != "kind" and field not in known]
+    for field in dropped:
+        del table[field]
+    if dropped:
+        of = f"of kind {table.get('kind')!r}"
+        show(f"packmech: {path} = {kind} leaves out what the {name} {of} had: {', '.join(dropped)}", error=True)
 
 
 UNCHANGED = Changes()

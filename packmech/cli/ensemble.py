@@ -22,13 +22,22 @@ from packmech.ensemble.run import resume_ensemble, run_ensemble
 from packmech.ensemble.statistics import fit_power_law, group_statistics, varied_parameters
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.files.tables import write_table
+from packmech.scenes.recipes import is_random
+from packmech.scenes.scene_file import read_scene_tables
 
 Texts = Annotated[list[str] | None, Parameter(consume_multiple=True)]
 # failures that status lists, and results that table shows unless they are named
-_LISTED, _COLUMNS = 10, 6
+_LISTED, _COLUMNS = 10, 7
 # results that come first in tables
-_FIRST = ("jamming_packing_fraction", "packing_fraction", "contacts", "bulk_modulus", "shear_modulus", "pressure")
-
+_FIRST = (
+    "jamming_packing_fraction",
+    "packing_fraction",
+    "coordination_number",
+    "contacts",
+    "bulk_modulus",
+    "shear_modulus",
+    "pressure",
+)
 
 Folder = Annotated[Path, Parameter(help="where everything is kept: a signac project")]
 Of = Annotated[Texts, Parameter(help="results that it is about, named as in the table (default: numbers that vary)")]
@@ -89,7 +98,8 @@ def run_members(
     measures
         results to keep, named as in `packmech jam --json` (default: counts, moduli and what the run reports)
     same_starts
-        the same random starts for every value of the other parameters; else all members are independent
+        the same random starts for every value of the other parameters; else all members are independent. With one seed,
+        or with none (that of the scene), starts are always the same
     no_packings
         do not keep packings
     write_row
@@ -97,9 +107,11 @@ def run_members(
 
     """
     asked = _grid(seeds, grid)
+    # a function draws from what it is given
+    same = same_starts or (":" not in job and len(asked.get("seed", ())) < 2)
     kept: dict[str, Any] = {
         "measures": measures,
-        "seeding": "seed" if same_starts else "parameters",
+        "seeding": "seed" if same else "parameters",
         "keep_packings": not no_packings,
         "load": load,
     }
@@ -118,10 +130,13 @@ def run_members(
         show(f"wrote {path} and {len(wanted)} members; in {folder}: row submit")
         return OK
     limits = _limits(workers, group, time_limit, memory_limit)
-    return _carried_out(
+    code = _carried_out(
         scheduler,
         lambda executor, say: run_ensemble(job, asked, folder, executor, part=part, progress=say, **kept, **limits),
     )
+    if ":" not in job and "packing.seed" not in asked:
+        show(_starts(job, asked, same))
+    return code
 
 
 @ensemble.command
@@ -229,6 +244,17 @@ def _resumed(
             folder, executor, members=names, part=part, retry=retry, progress=say, **limits
         ),
     )
+
+
+def _starts(job: str, asked: dict[str, Any], same: bool) -> str:
+    """Return which random starts the members of a scene have, in words."""
+    if not is_random(read_scene_tables(job)[0].get("packing", {}).get("kind")):
+        return "starts: the packing of the scene"
+    if not same:
+        return "starts: drawn for each member by itself (--same-starts: one for each seed, whatever the other values)"
+    if "seed" not in asked:
+        return "starts: of the scene's own seed for each member (--seeds 0:10 for several)"
+    return "starts: one for each seed, whatever the other values"
 
 
 def _grid(seeds: str | None, grid: list[str] | None) -> dict[str, Any]:
@@ -346,12 +372,17 @@ def _table(found: Ensemble, path: Path, of: list[str] | None) -> int:
         varied = varied_parameters(found)
         rows = []
         for g in range(len(means[0])):
-            cells = [f"{one.value_g[g]:.6g} +- {one.error_g[g]:.1g}" for one in means]
+            cells = [_with_error(one.value_g[g], one.error_g[g]) for one in means]
             rows.append((*(str(means[0].by[name][g]) for name in varied), str(means[0].count_g[g]), *cells))
         head = (*varied, "members", *(name.replace("_", " ") for name in names))
         show(table("means with bootstrap errors", head, rows))
     show(f"wrote {path}: {len(found)} rows")
     return OK
+
+
+def _with_error(value: float, error: float) -> str:
+    """Return a value and its error; one member has none."""
+    return f"{value:.6g}" if math.isnan(error) else f"{value:.6g} +- {error:.1g}"
 
 
 def _plot(
@@ -375,7 +406,7 @@ def _plot(
             *(str(column[g]) for column in drawn.by.values()),
             str(drawn.count_g[g]),
             f"{drawn.value_g[g]:.6g}",
-            f"{drawn.error_g[g]:.2g}",
+            "" if math.isnan(drawn.error_g[g]) else f"{drawn.error_g[g]:.2g}",
         )
         for g in range(len(drawn))
     ]

@@ -17,7 +17,7 @@ from packmech.scene import JamDrive
 
 
 def jam(
-    scene: Annotated[str, Parameter(help=SCENE)] = "default",
+    scene: Annotated[str, Parameter(help=f"{SCENE}, or the file of a packing")] = "default",
     /,
     *,
     load: Load = (),
@@ -47,7 +47,7 @@ def jam(
     """
     load_modules(load)
     files = Files(None if no_record else record, out, json)
-    read = changes.scene(scene, seed=seed)
+    read = changes.scene(scene, seed=seed, jams=True)
     drive = read.drive if isinstance(read.drive, JamDrive) else JamDrive()
     drive = replace(
         drive,

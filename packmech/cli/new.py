@@ -20,6 +20,7 @@ def new(
     /,
     *,
     like: Annotated[str, Parameter(help="the scene to begin with: a file or one that ships")] = "default",
+    packing: Path | None = None,
     changes: Changes = UNCHANGED,
     seed: Seed = None,
     description: str | None = None,
@@ -30,6 +31,8 @@ def new(
 
     Parameters
     ----------
+    packing
+        the file of a packing to take in place of the scene's own
     description
         one sentence on the scene
     overwrite
@@ -41,7 +44,7 @@ def new(
         raise ValueError(f"file must end in .toml, got {str(file)!r}")
     if file.exists() and not overwrite:
         raise ValueError(f"file must not exist (or give --overwrite), got {str(file)!r}")
-    tables, folder = changes.tables(like, seed=seed)
+    tables, folder = changes.tables(like, seed=seed, packing=packing, beside=file.parent)
     if description is not None:
         tables["description"] = description
     elif changes != UNCHANGED or seed is not None:

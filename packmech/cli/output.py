@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Parameter, Token
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -23,6 +23,18 @@ from packmech.result import STAGE_HEADINGS, HasSummary, Summary, stage_rows
 from packmech.scene import Scene
 from packmech.status import Status, shows, words_of
 
+
+def _whole(hint: object, tokens: Sequence[Token]) -> int:
+    """Return a whole number of the command line; one with a fraction is none."""
+    text = tokens[0].value
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"must be a whole number, got {text!r}") from None
+
+
+# of options that are whole numbers
+WHOLE = Parameter(converter=_whole)
 # options that several verbs have
 Load = Annotated[
     tuple[Path, ...],
@@ -38,8 +50,8 @@ Out = Annotated[
     Parameter(help="write the packing: .npz, .gsd, .data, .dump, .extxyz, .vtp, .csv, ... (as pm.write_packing)"),
 ]
 Record = Annotated[Path | None, Parameter(help="Rerun recording; not written unless given")]
-Modes = Annotated[int, Parameter(help="how many of the lowest vibrations to find")]
-Seed = Annotated[int | None, Parameter(help="another seed for the scene's random start")]
+Modes = Annotated[int, WHOLE, Parameter(help="how many of the lowest vibrations to find")]
+Seed = Annotated[int | None, WHOLE, Parameter(help="another seed for the scene's random start")]
 GapTolerance = Annotated[
     float | None,
     Parameter(help="pairs touch up to this gap, in contact distances (default: 7 mean overlaps, at least 1e-9)"),
@@ -104,11 +116,12 @@ def _finite(value: Any) -> Any:
 
 def show(thing: Any, *, error: bool = False) -> None:
     """Print a text or a table; where the output is no terminal, whole lines without blanks at their ends."""
-    console = Console(stderr=error, highlight=False)
+    # texts hold brackets of their own, as of [packing] in a scene file
+    console = Console(stderr=error, highlight=False, markup=False, emoji=False)
     if console.is_terminal:
         console.print(thing)
         return
-    wide = Console(highlight=False, width=_UNLIMITED)
+    wide = Console(highlight=False, markup=False, emoji=False, width=_UNLIMITED)
     with wide.capture() as lines:
         wide.print(thing)
     stream = sys.stderr if error else sys.stdout

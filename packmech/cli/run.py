@@ -18,6 +18,7 @@ from packmech.cli import FAILED, INTERRUPTED, OK
 from packmech.cli.changes import UNCHANGED, Changes
 from packmech.cli.output import (
     SCENE,
+    WHOLE,
     Files,
     Json,
     Load,
@@ -120,7 +121,7 @@ def run(
     modes: Modes = 10,
     seed: Seed = None,
     live: str | None = None,
-    frames: int | None = None,
+    frames: Annotated[int | None, WHOLE] = None,
     pictures: Path = Path("frames"),
     format: str = "png",
     checkpoint: Path | None = None,

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, one_of, positive_array, told
+from packmech.check import clear_errors, finite_array, one_of, positive_array
 from packmech.jit.compiled import device, inlined, kernel
 
 # from the roughest: half way, one Newton step of the stationarity condition from there, one of second order, its root
@@ -223,7 +223,7 @@ def distances(normal_pd, radius_pk, aspect_pk, director_pkd, level):
     return out
 
 
-@told
+@clear_errors
 def contact_distance(
     vector_cd: ArrayLike,
     semi_axes_i_ck: ArrayLike,

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from packmech.check import integer, positive, real, told
+from packmech.check import clear_errors, integer, positive, real
 from packmech.display import shown
 from packmech.effects import BackgroundDamping, ContactDamping, DivergentRepulsion, Friction, Repulsion
 
@@ -91,7 +91,7 @@ class MaterialConstants:
         )
 
 
-@told
+@clear_errors
 def material_constants(
     *,
     young_modulus: float = 8000.0,

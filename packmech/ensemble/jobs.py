@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech
-from packmech.check import brief, instance, listed, one_of
+from packmech.check import brief, did_you_mean, instance, listed, one_of
 from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, MemberOutcome
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
@@ -330,7 +330,10 @@ def _scalars(values: Mapping[str, Any]) -> dict[str, Any]:
 def _chosen(values: Mapping[str, Any], names: Sequence[str]) -> dict[str, Any]:
     missing = [name for name in names if name not in values]
     if missing:
-        raise ValueError(f"measures must be among {', '.join(sorted(values))}, got {', '.join(missing)}")
+        raise ValueError(
+            f"measures must be among {', '.join(sorted(values))}, got {', '.join(missing)}"
+            f"{did_you_mean(missing[0], values)}"
+        )
     return {name: values[name] for name in names}
 
 

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from packmech.check import brief, function, instance, integer, listed, positive, told
+from packmech.check import brief, clear_errors, function, instance, integer, listed, positive
 from packmech.ensemble.folder import WORKSPACE, FolderError, find, listed_members, make_members, prepare, read_job
 from packmech.ensemble.jobs import Functions, check_parameters, functions_of, job_table, run_member
 from packmech.ensemble.members import Grid, Member, members_of, part_of
@@ -78,7 +78,7 @@ class _MembersDone:
         return f"{self.done} of {self.of} members are finished and stay; the same call goes on with the rest"
 
 
-@told
+@clear_errors
 def run_ensemble(
     job: Any,
     grid: Grid,
@@ -191,7 +191,7 @@ def run_ensemble(
     return read_ensemble(place)
 
 
-@told
+@clear_errors
 def resume_ensemble(
     folder: PathLike,
     executor: Executor | None = None,

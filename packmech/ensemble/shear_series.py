@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import brief, function, instance, integer, one_of, positive, real, told, two_axes
+from packmech.check import brief, clear_errors, function, instance, integer, one_of, positive, real, two_axes
 from packmech.display import shown
 from packmech.effects import Bonds, Friction, bonds_of, friction_of
 from packmech.effects.bonds import bond_contacts
@@ -178,7 +178,7 @@ class ShearSeries:
         raise KeyError(f"no curve of {control!r} at friction {friction!r}")
 
 
-@told
+@clear_errors
 def shear_series(
     prepare: Callable[[int], Scene],
     folder: str | os.PathLike[str] | None = None,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.check import (
     bin_edges,
+    clear_errors,
     finite_array,
     instance,
     integer,
@@ -21,7 +22,6 @@ from packmech.check import (
     positive,
     positive_array,
     real,
-    told,
 )
 from packmech.display import shown
 from packmech.ensemble.table import Ensemble
@@ -37,7 +37,7 @@ STATISTICS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
 _AT_ONCE = 200
 
 
-@told
+@clear_errors
 def bootstrap(
     value_r: NDArray[np.float64], *, statistic: str = "mean", draws: int = 2000, seed: int = 0
 ) -> tuple[float, float]:
@@ -136,7 +136,7 @@ def values_of(ensemble: Ensemble, name: str) -> NDArray[np.float64]:
     return finite
 
 
-@told
+@clear_errors
 def group_statistics(
     ensemble: Ensemble,
     name: str,
@@ -205,7 +205,7 @@ class Histogram(NamedTuple):
     error_b: NDArray[np.float64]
 
 
-@told
+@clear_errors
 def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] | None = None) -> Histogram:
     """Return the histogram of values.
 
@@ -249,7 +249,7 @@ class PowerLawFit(NamedTuple):
     chi_square: float
 
 
-@told
+@clear_errors
 def fit_power_law(
     size_g: NDArray[Any], value_g: NDArray[np.float64], error_g: NDArray[np.float64], *, exponent: float | None = None
 ) -> PowerLawFit:
@@ -310,7 +310,7 @@ def _missed(line: Line) -> Line:
     return line._replace(slope_error=line.slope_error * wider, height_error=line.height_error * wider)
 
 
-@told
+@clear_errors
 def small_value_exponent(values: Sequence[NDArray[np.float64]], largest: float) -> tuple[float, float, int]:
     """Return e of a density ~ x^e below `largest`, its error, and the number of values that take part.
 

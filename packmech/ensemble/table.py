@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import brief, integer, told
+from packmech.check import brief, clear_errors, did_you_mean, integer
 from packmech.display import shown
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
@@ -63,7 +63,8 @@ class Ensemble:
 
     def __getitem__(self, name: str) -> Column:
         if name not in self.columns:
-            raise KeyError(f"name must be one of {', '.join(self.columns)}, got {name!r}")
+            near = did_you_mean(name, self.columns)
+            raise KeyError(f"name must be one of {', '.join(self.columns)}, got {name!r}{near}")
         return self.columns[name]
 
     def counts(self) -> dict[str, int]:
@@ -182,7 +183,7 @@ class Ensemble:
         return "\n".join(lines)
 
 
-@told
+@clear_errors
 def read_ensemble(folder: PathLike) -> Ensemble:
     """Return the table of an ensemble, made from its members as they are now; packings are read when asked for.
 

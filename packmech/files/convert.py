@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from packmech.box import Box
-from packmech.check import instance, integer, told
+from packmech.check import clear_errors, instance, integer
 from packmech.contacts import Contacts, pair_contacts
 from packmech.files.columns import snapshot_of_particles
 from packmech.files.extended_xyz import EXTXYZ
@@ -89,7 +89,7 @@ def to_ase(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
     return atoms
 
 
-@told
+@clear_errors
 def from_ase(atoms: Any, *, box: Box | None = None, radius: Any = None) -> Snapshot:
     """Return ASE's Atoms as a snapshot: two-dimensional where they are periodic along x and y only, at z = 0.
 
@@ -178,7 +178,7 @@ def to_hoomd(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
     return frame_of(kept_of(snapshot_of("packing", packing), _FRAME, "pm.to_hoomd", drop))
 
 
-@told
+@clear_errors
 def from_hoomd(frame: Any) -> Snapshot:
     """Return a snapshot of HOOMD (`hoomd.Snapshot`), or a `gsd.hoomd.Frame`, as a snapshot of packmech.
 
@@ -266,7 +266,7 @@ def to_freud(packing: Packing | Snapshot) -> tuple[Any, Any]:
     return freud.box.Box(x, y, 0.0 if is_plane else z, xy, xz, yz, is2D=is_plane), points
 
 
-@told
+@clear_errors
 def from_freud(system: Any, *, radius: Any) -> Snapshot:
     """Return a freud system, a box and points, as a snapshot.
 
@@ -307,7 +307,7 @@ def from_freud(system: Any, *, radius: Any) -> Snapshot:
     return snapshot_of_particles({"position_nd": place[:, :d]}, Box(hoomd_lattice(sides, d)), given)
 
 
-@told
+@clear_errors
 def to_networkx(contacts: Any) -> Any:
     """Return contacts as a `networkx.MultiGraph`: a node for each particle, an edge for each contact.
 
@@ -361,7 +361,7 @@ def to_networkx(contacts: Any) -> Any:
     return graph
 
 
-@told
+@clear_errors
 def from_networkx(graph: Any, packing: Packing) -> Contacts:
     """Return the pairs of a packing that a graph joins, touching or not, as contacts, for calls that take these.
 

@@ -28,7 +28,7 @@ from packmech.box import Box
 from packmech.effects.bonds import Bonds
 from packmech.effects.laws import registered_laws
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, LAW, STEP, Format, Given, One
-from packmech.files.records import from_table, kinds_of, to_table
+from packmech.files.records import OpenKinds, from_table, kinds_of, to_table
 from packmech.files.snapshot import ContactData, Snapshot
 from packmech.links import Links
 from packmech.packing import Packing
@@ -171,7 +171,7 @@ def write_npz(snapshot: Snapshot, path: Path, law: Any = None) -> None:
 def read_law(path: Path) -> Any:
     """Return the law that is written beside a packing, None where none is."""
     text = _arrays(path).get("law")
-    laws = kinds_of(registered_laws())
+    laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
     return None if text is None else from_table(json.loads(str(text)), "law", laws, {"law": laws})
 
 

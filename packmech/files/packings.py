@@ -36,7 +36,7 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from packmech.box import Box
-from packmech.check import brief, instance, integer, told, warn
+from packmech.check import brief, clear_errors, instance, integer, warn
 from packmech.display import shown
 from packmech.effects.laws import is_law
 from packmech.files import npz
@@ -124,7 +124,7 @@ def read_packing(
     return snapshot.packing
 
 
-@told
+@clear_errors
 def read_trajectory(
     path: PathLike, *, format: str | None = None, box: Box | None = None, radius: Any = None
 ) -> Snapshots:
@@ -398,7 +398,7 @@ def kept_of(snapshot: Snapshot, chosen: Format, shown: str, drop: bool) -> Snaps
     return snapshot
 
 
-@told
+@clear_errors
 def read_law(path: PathLike) -> Any:
     """Return the law stored with a packing, or None when the file says none.
 
@@ -427,6 +427,11 @@ def read_law(path: PathLike) -> Any:
     if _format(found, None)[0] is not NPZ:
         return None
     return _in_file(found, lambda: npz.read_law(found))
+
+
+def is_packing_file(path: PathLike) -> bool:
+    """Return whether a file name ends as those that `read_packing` reads."""
+    return Path(path).suffix.lower() in _ENDINGS
 
 
 def target_file(path: PathLike, *, packing: bool = False) -> Path:

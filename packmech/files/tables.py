@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import told
+from packmech.check import clear_errors
 from packmech.files.packings import replacing, target_file
 from packmech.observables import Column, HasTable, Table
 
@@ -53,7 +53,7 @@ def table_of(subject: Any) -> Table:
     return subject.table()
 
 
-@told
+@clear_errors
 def write_table(subject: Any, path: str | os.PathLike[str]) -> None:
     """Write every tensor and number that a run kept against time to a columnar file; read them with `pm.read_table`.
 
@@ -96,7 +96,7 @@ def write_table(subject: Any, path: str | os.PathLike[str]) -> None:
             _write_csv(table, partial)
 
 
-@told
+@clear_errors
 def read_table(path: str | os.PathLike[str]) -> Table:
     """Return the table that `pm.write_table` wrote.
 

@@ -17,7 +17,7 @@ from packmech.check import finite_array, integer, one_of, positive, positive_arr
 from packmech.contacts.crossing import crossing_links
 from packmech.contacts.fused_volume import lens, shared_volume
 from packmech.generate.placed import Placed, checked_overlap
-from packmech.generate.random import SizeDistribution, box_for, generator_of, shape_of, sizes_of
+from packmech.generate.random import SizeDistribution, box_for, generator_of, shape_of, sizes_of, start_fraction
 from packmech.jit.compiled import kernel
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density
@@ -685,7 +685,7 @@ def chain_packing(
     count = integer("count", count, at_least=1)
     beads = integer("beads", beads, at_least=2)
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
-    packing_fraction = positive("packing_fraction", packing_fraction)
+    packing_fraction = start_fraction(packing_fraction)
     link_length = positive("link_length", link_length)
     parent_b, closing = _form(form, winding, beads, dimension)
     bend = real("bend", bend, at_least=0.0, at_most=math.pi)

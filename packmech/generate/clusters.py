@@ -14,7 +14,15 @@ from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, Bond, BondGrid, minus
 from packmech.generate.cluster_shapes import Cluster, Shape, drawn_clusters
 from packmech.generate.placed import Placed, checked_overlap
-from packmech.generate.random import Monodisperse, SizeDistribution, box_for, generator_of, shape_of, sizes_of
+from packmech.generate.random import (
+    Monodisperse,
+    SizeDistribution,
+    box_for,
+    generator_of,
+    shape_of,
+    sizes_of,
+    start_fraction,
+)
 from packmech.honors import honors
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density, no_own_images
@@ -94,7 +102,7 @@ def cluster_packing(
     if not isinstance(shape, Shape) or isinstance(shape, type):
         raise TypeError(f"shape must be a shape such as Dimer(...) or Cluster(...), got {shape!r}")
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
-    packing_fraction = positive("packing_fraction", packing_fraction)
+    packing_fraction = start_fraction(packing_fraction)
     sizes = sizes_of(sizes, Monodisperse())
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)

@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance, integer, one_of, real, told
+from packmech.check import clear_errors, instance, integer, one_of, real
 from packmech.generate.random import generator_of
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
@@ -45,7 +45,7 @@ class BondsLike(Protocol):
 B = TypeVar("B", bound=BondsLike)
 
 
-@told
+@clear_errors
 def cut_fragments(
     bonds: B,
     packing: Packing,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import instance, integer, one_of, positive, real, told
+from packmech.check import clear_errors, instance, integer, one_of, positive, real
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.honors import honors
 from packmech.packing import Packing, masses_of_density
@@ -177,7 +177,7 @@ CRYSTALS = {
 LATTICE_NAMES = tuple(CRYSTALS)
 
 
-@told
+@clear_errors
 def lattice_packing(
     name: str,
     repeats: int | Sequence[int] | None = None,
@@ -314,7 +314,7 @@ def _cells_inside(cells_dd: NDArray[np.int64]) -> NDArray[np.int64]:
 _TOUCHING = 1e-9
 
 
-@told
+@clear_errors
 def reinforced_kagome_packing(
     cells: int,
     repeats: int | Sequence[int] | None = None,
@@ -356,7 +356,7 @@ def reinforced_kagome_packing(
     return crystal_packing(crystal, repeats, supercell, conventional, relative_overlap, diameter, density)
 
 
-@told
+@clear_errors
 def tunneled_packing(
     steps: Sequence[int],
     repeats: int | Sequence[int] | None = None,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import finite_array, instance, integer, positive, positive_array, real, told
+from packmech.check import clear_errors, finite_array, instance, integer, positive, positive_array, real
 from packmech.generate.cluster_shapes import RandomShape, Shape, drawn_clusters
 from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
@@ -19,6 +19,8 @@ from packmech.shapes import Shapes, Spheroids
 # A gaussian factor this far from 1 is drawn again: radii stay positive, and cutting both tails alike keeps the mean.
 _LARGEST_DEVIATION = 0.9
 _LARGEST_SPREAD = 0.3
+# packing fraction beyond which no start makes sense: every place lies in five particles
+_LARGEST_FRACTION = 5.0
 
 
 @runtime_checkable
@@ -327,7 +329,7 @@ class Ellipses:
         object.__setattr__(self, "aspect", aspect)
 
 
-@told
+@clear_errors
 def random_packing(
     particles: int,
     *,
@@ -383,7 +385,7 @@ def random_packing(
     """
     particles = integer("particles", particles, at_least=1)
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
-    packing_fraction = positive("packing_fraction", packing_fraction)
+    packing_fraction = start_fraction(packing_fraction)
     sizes = sizes_of(sizes, Bidisperse())
     rng = generator_of(seed, rng)
     shape_dd = shape_of(box, dimension)
@@ -416,7 +418,18 @@ def _random_shapes(
     return beads_of([found[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
 
 
-@told
+def start_fraction(packing_fraction: Any) -> float:
+    """Return the packing fraction of a start after checking it: a percentage is none."""
+    found = positive("packing_fraction", packing_fraction)
+    if found > _LARGEST_FRACTION:
+        raise ValueError(
+            f"packing_fraction must be at most {_LARGEST_FRACTION:g}, got {packing_fraction!r}: it is the particles' "
+            "volume over the box's, 0.9 for 90 %, and random packings jam near 0.84 in the plane and 0.64 in space"
+        )
+    return found
+
+
+@clear_errors
 def fill_box(
     box: Box,
     particles: int,

@@ -67,7 +67,9 @@ def off_plateau(selection: ContactSelection) -> str:
     steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in selection.levels)
     return (
         f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}; "
-        "take the packing at a lower pressure, such as jam(scene, 1e-8), or give gap_tolerance"
+        "judge the hard packing that pm.jam came from, run.report['hard_packing'], or the pairs that press, "
+        "contacts=pm.find_contacts(packing), or a packing at a pressure at which overlaps are smaller "
+        f"({selection.mean_overlap:.1e} in the mean here); see packmech guide verdicts"
     )
 
 

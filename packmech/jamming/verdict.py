@@ -461,7 +461,9 @@ def _answer_row(numbers: Mapping[str, Any], name: str, where: str) -> Row:
             grounds.append(f"duality gap {gap:.0e}")
     else:
         grounds.append(numbers[f"{name}_reason"])
-    if numbers[name] == "ambiguous" and numbers[f"{name}_first_order_jammed"] is not None:
+    # what is out of balance and has other contacts at every tolerance has none to go by
+    apart = numbers["at_rest"] is False and len({level["excess"] for level in numbers["gap_levels"]}) > 1
+    if numbers[name] == "ambiguous" and numbers[f"{name}_first_order_jammed"] is not None and not apart:
         first = "jammed" if numbers[f"{name}_first_order_jammed"] else "not jammed"
         grounds.append(f"by the contacts as taken: {first} to first order")
     return (f"{'collectively' if name == 'collective' else 'strictly'} jammed", numbers[name], "; ".join(grounds))

@@ -15,7 +15,7 @@ from numba.core.errors import NumbaError
 from numba.extending import overload, register_jitable
 
 from packmech.jit.cache import KernelCache, record_types
-from packmech.jit.compiling import CompileListener
+from packmech.jit.compiling import CompileClock, CompileListener
 from packmech.jit.source_key import written_name
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -275,10 +275,10 @@ def inlined(function: F) -> F:
 
 @contextlib.contextmanager
 def compile_clock() -> Iterator[Callable[[], float]]:
-    """Give a function that tells how many seconds of the time since were spent compiling [s]; 0 with a warm cache."""
-    clock = event.TimingListener()
+    """Give a function that tells how many CPU seconds since were spent compiling [s]; 0 with a warm cache."""
+    clock = CompileClock()
     with event.install_listener("numba:compile", clock):
-        yield lambda: float(clock.duration) if clock.done else 0.0
+        yield lambda: clock.seconds
 
 
 def compiling_noted(note: str, compiling: float, seconds: float) -> str:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
 _AGAIN_SECONDS = 0.05
+# a wait that was announced less than this before is the same one
+_QUIET_SECONDS = 10.0
 # an exception in the middle of these leaves types and caches half made
 _DELICATE = ("numba", "llvmlite")
 Handler = Callable[[int, FrameType | None], object]
@@ -45,8 +49,17 @@ def _handled(handlers: dict[int, Handler]) -> Iterator[None]:
             signal.signal(number, usual)
 
 
+# when the wait for the compiler was announced last [s]: signals come again and again until it is over
+_announced = -math.inf
+
+
 def _announce(frame: FrameType | None) -> None:
-    if _delicate(frame):
+    """Say once that the compiler is waited for, however many signals come and whoever holds them back."""
+    global _announced
+    if not _delicate(frame):
+        return
+    before, _announced = _announced, time.monotonic()
+    if _announced - before > _QUIET_SECONDS:
         print("packmech: stopping when this piece of machine code is compiled", file=sys.stderr, flush=True)
 
 

@@ -12,7 +12,7 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import BoxStrain, finite_array, integer, told
+from packmech.check import BoxStrain, clear_errors, finite_array, integer
 
 _AXIS = {"x": 0, "y": 1, "z": 2}
 _SHEARS = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
@@ -80,7 +80,7 @@ def strain_directions(dimension: int, strain: BoxStrain) -> NDArray[np.float64]:
     return np.eye(components) if strain == "free" else np.zeros((components, 0))
 
 
-@told
+@clear_errors
 def mandel_vector(tensor_dd: ArrayLike) -> NDArray[np.float64]:
     """Return the (s,) Mandel components of the symmetric part of a (d, d) tensor.
 
@@ -97,7 +97,7 @@ def mandel_vector(tensor_dd: ArrayLike) -> NDArray[np.float64]:
     return vector
 
 
-@told
+@clear_errors
 def mandel_tensor(vector_e: ArrayLike) -> NDArray[np.float64]:
     """Return the (d, d) symmetric tensor with the given Mandel components.
 

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from scipy.special import j1, spherical_jn
 
 from packmech.box import Box
-from packmech.check import finite_array, instance, integer_array, positive, told
+from packmech.check import clear_errors, finite_array, instance, integer_array, positive
 from packmech.display import shown
 from packmech.honors import honors
 from packmech.jit.compiled import inlined, kernel
@@ -129,7 +129,7 @@ class _Waves:
         return np.asarray(found[:, 0] + 1j * found[:, 1])
 
 
-@told
+@clear_errors
 def wave_vectors(box: Box, index_kd: ArrayLike) -> NDArray[np.float64]:
     """Return the (K, d) wave vectors 2 pi (inverse transposed lattice) @ index [1/length].
 
@@ -157,7 +157,7 @@ def wave_vectors(box: Box, index_kd: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(2.0 * np.pi * index @ box.inverse_dd)
 
 
-@told
+@clear_errors
 def wave_indices(box: Box, k_max: float, *, half: bool = False) -> NDArray[np.int64]:
     """Return the (K, d) indices of all wave vectors that a box admits up to a length, by length; zero is left out.
 
@@ -531,7 +531,7 @@ def _spectral_limit(
     return unit * float(best.x[0]), unit * math.sqrt(spread)
 
 
-@told
+@clear_errors
 def shell_average(box: Box, index_kd: ArrayLike, value_k: ArrayLike, *, width: float | None = None) -> ShellAverage:
     """Return means over directions of values at wave vectors, in shells of equal width.
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, integer, one_of, positive, real, told
+from packmech.check import clear_errors, finite_array, integer, one_of, positive, real
 from packmech.display import shown
 
 ERRORS = ("standard", "bootstrap")
 
 
-@told
+@clear_errors
 def mean_with_error(
     value_r: ArrayLike, *, error: str = "standard", draws: int = 2000, seed: int = 0
 ) -> tuple[float, float]:
@@ -164,7 +164,7 @@ class Demodulation:
         return math.hypot(self.in_phase, self.out_of_phase)
 
 
-@told
+@clear_errors
 def demodulate(
     phase_t: ArrayLike,
     stress_t: ArrayLike,
@@ -288,7 +288,7 @@ def _sweep(
     return amplitude, storage, order
 
 
-@told
+@clear_errors
 def yield_strain(amplitude_a: ArrayLike, storage_a: ArrayLike, loss_a: ArrayLike) -> float:
     """Return the strain amplitude at which G' = G'' [1]: going down from the largest, the first where G' > G''.
 
@@ -323,7 +323,7 @@ def yield_strain(amplitude_a: ArrayLike, storage_a: ArrayLike, loss_a: ArrayLike
     return float(amplitude[k] + (amplitude[k + 1] - amplitude[k]) * above[k] / (above[k] - above[k + 1]))
 
 
-@told
+@clear_errors
 def softening_strain(amplitude_a: ArrayLike, storage_a: ArrayLike, *, remaining: float = 0.9) -> float:
     """Return the strain amplitude above which G' has fallen to a part of what it is at the smallest amplitude [1].
 

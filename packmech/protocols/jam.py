@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
-from packmech.check import BoxStrain, instance, one_of, positive, told
+from packmech.check import BoxStrain, clear_errors, instance, one_of, positive
+from packmech.effects import law_of
 from packmech.honors import declare
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -26,6 +27,8 @@ _HONORED = declare(
 )  # fmt: skip
 # where a method that does not know both strains works, in words
 _WHERE = {"isotropic": "in a box of fixed shape", "free": "with free strains"}
+# times the pressure at overlaps of half the contact distance, beyond which none is asked for [1]
+_BEYOND = 1000.0
 # the first of these that suits a scene is taken where none is named
 _DEFAULTS: tuple[JamMethod, ...] = (HardVertex(), Decompression(), Press())
 
@@ -58,7 +61,7 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
     raise ValueError(f"method must be {names}{where}, got {method!r}{way}")
 
 
-@told
+@clear_errors
 def jam(
     scene: Scene,
     pressure: float | None = None,
@@ -175,6 +178,7 @@ def jam(
     at_pressure = method.ends_at == "a pressure"
     if not at_pressure and pressure is not None:
         raise ValueError(f"pressure must be left out for {name}, which ends at {method.ends_at}, got {pressure!r}")
+    _check_reachable(scene, goal)
     began = time.process_time()
     protocol = Protocol(scene, strain, tolerance, loop)
 
@@ -192,3 +196,18 @@ def jam(
 
 
 __all__ = ["Decompression", "HardVertex", "JamMethod", "Press", "ProgramChain", "StepHalving"]
+
+
+def _check_reachable(scene: Scene, pressure: float) -> None:
+    """Refuse a pressure under which particles would lie on each other by the dozen, and no end is ever reached."""
+    law = law_of(scene.effects)
+    if law is None:
+        return
+    sigma, d = scene.packing.reference_diameter, scene.packing.dimension
+    # 2 d contacts of half the contact distance each, as many particles as the volume holds then
+    half = -float(law.first(0.5 * sigma, sigma)) * 0.5 * sigma * 2.0**d / scene.energy_scale
+    if 0.0 < _BEYOND * half < pressure:
+        raise ValueError(
+            f"pressure must be at most {_BEYOND * half:.3g} under {law}, {_BEYOND:g} times what overlaps of half the "
+            f"contact distance bear, got {pressure:g}: such particles lie on each other, and no law of contacts holds"
+        )

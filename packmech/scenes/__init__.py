@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from packmech.check import instance, integer, told
+from packmech.check import clear_errors, instance, integer
 from packmech.scene import Scene, drive_code
 from packmech.status import Progress, check_progress
 
@@ -17,7 +17,7 @@ def takes_checkpoint(scene: Scene) -> bool:
     return "checkpoint" in inspect.signature(drive_code(type(scene.drive)).run).parameters
 
 
-@told
+@clear_errors
 def run(
     scene: Scene,
     *,

@@ -60,7 +60,7 @@ from typing import Any
 
 import tomli_w
 
-from packmech.check import did_you_mean, instance, integer, one_of, told
+from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
 from packmech.effects import Bonds, law_of, registered_effects, registered_laws
 from packmech.files.packings import PathLike, replacing, target_file
@@ -90,7 +90,7 @@ from packmech.scenes.recipes import (
 _TOP = ("description", "packing", "effects", "drive")
 
 
-@told
+@clear_errors
 def list_scenes() -> dict[str, str]:
     """Return the scenes that ship inside the package: name -> one sentence on it, the default one first.
 
@@ -124,7 +124,7 @@ def shipped_scene_text(name: str) -> str:
     return str((_shipped() / f"{one_of('name', name, list_scenes())}.toml").read_text(encoding="utf-8"))
 
 
-@told
+@clear_errors
 def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str, Any] | None = None) -> Scene:
     """Return the scene in a TOML file, or the shipped scene of that name.
 
@@ -348,7 +348,7 @@ def _drive(table: Any) -> Any:
     return from_table(table, "drive", kinds, nested)
 
 
-@told
+@clear_errors
 def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     """Write the scene as TOML with its packing inline; `read_scene` returns an equal scene, to the last bit.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from packmech.check import function, integer, positive, told
+from packmech.check import clear_errors, function, integer, positive
 from packmech.display import shown
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
@@ -227,7 +227,7 @@ class Trial:
         return next(iter(self.errors.values()), math.nan)
 
 
-@told
+@clear_errors
 def work_precision(
     problem: Solver | Mapping[str, Solver],
     settings: Sequence[float],

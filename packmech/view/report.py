@@ -53,6 +53,19 @@ _OF_RUN = (
     *("pressure_asked", "stress_anisotropy", "gap_error", "force_imbalance", "redundant_patches"),
 )
 
+# what is not asked with friction, and what to use instead
+_WITH_FRICTION = {
+    "verdict": "it is about particles without friction, whose contacts push along their normals alone; with friction "
+    "compare contacts with the isostatic number, and see pm.contact_forces and `packmech guide friction`",
+    "modes": "with friction: pm.frictional_modes",
+}
+# largest net force over the mean contact force of what is at rest, where no verdict knows better [1]
+_AT_REST = 1e-5
+# overlap over the contact distance beyond which laws of contacts are out of place [1]
+_DEEP = 0.5
+# how many different sizes are listed, each with its count
+_FEW = 4
+
 ReportFunction = Callable[[Scene], bool | int | float | str | None]
 
 
@@ -216,15 +229,22 @@ def examine(
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
     report = Report(scene, _counts(scene, strain), run=run)
-    if verdict and scene.packing.shapes.has_orientations:
+    rough = friction_of(scene.effects) is not None
+    if rough:
+        report.missing |= _WITH_FRICTION if modes else {"verdict": _WITH_FRICTION["verdict"]}
+    elif verdict and scene.packing.shapes.has_orientations:
         with _part(report, "quartic modes", progress):
             _stability(report)
     elif verdict:
         with _part(report, "verdict", progress):
             _verdict(report, *asked)
+    if "coordination_number" not in report.numbers:  # with friction it counts contacts that bear a force
+        # made of the counts that are shown, which the verdict may have bettered
+        held = report.numbers["particles"] - report.numbers["rattlers"]
+        report.numbers["coordination_number"] = 2.0 * report.numbers["contacts"] / held if held else 0.0
     with _part(report, "moduli", progress):
         _moduli(report)
-    if modes:
+    if modes and not rough:
         with _part(report, "modes", progress):
             _modes(report, modes)
     for figure in REPORT_FIGURES.values():
@@ -275,6 +295,7 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     return {
         "particles": packing.particles,
         "dimension": packing.dimension,
+        **_sizes(packing),
         "packing_fraction": packing_fraction(packing),
         "pressure": pressure(scene) / unit + 0.0,  # no minus zero
         "pressure_unit": unit,
@@ -284,6 +305,15 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
     }
+
+
+def _sizes(packing: Packing) -> dict[str, Any]:
+    """Return the smallest and the largest diameter [length], and each with its count where there are few."""
+    if packing.shapes.has_orientations:
+        return {}
+    diameter, count = np.unique(2.0 * packing.radius_n, return_counts=True)
+    listed = list(zip(diameter.tolist(), count.tolist(), strict=True)) if len(diameter) <= _FEW else []
+    return {"diameter_min": float(diameter[0]), "diameter_max": float(diameter[-1]), "diameters": listed}
 
 
 def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
@@ -300,9 +330,12 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     if friction_of(scene.effects) is not None:
         rough = contact_forces(scene)
         isostatic = math.ceil(0.5 * backbone * rough.isostatic_coordination)
-        at_limit = {name: rough.to_dict()[name] for name in ("contacts_at_limit", "doubtful_at_limit")}
+        named = ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
+        at_limit = {name: rough.to_dict()[name] for name in named}
+    overlap_c = -contacts.gap_c / contacts.contact_distance_c
     return {
         "bears": _carries_force(packing, contacts),
+        "largest_overlap": float(overlap_c.max(initial=0.0)) + 0.0,
         "rattlers": packing.particles - backbone,
         "contacts": int((~rattler_n[contacts.i_c] & ~rattler_n[contacts.j_c]).sum()),
         "isostatic_contacts": None if acting else isostatic,
@@ -448,14 +481,20 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
     d = numbers["dimension"]
     unit = f"energy_scale / diameter^{d}"
     rows: list[Row] = []
+    if _moves(numbers):
+        note = "counts, verdict and moduli mean little as it stands: relax it first, by packmech jam FILE or pm.quench"
+        rows.append(("NOT AT REST", "", note))
     if "jamming_packing_fraction" in numbers:
         note = f"of the hard packing, rattlers included; protocol {numbers['method']}"
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
     rows += [
+        *_sizes_row(numbers),
         ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
+        *_deep_row(numbers),
         ("pressure", f"{numbers['pressure']:.6g}", unit),
         _residual(numbers["force_residual"]),
         _contacts_row(numbers),
+        _coordination_row(numbers),
         _rattlers(numbers),
     ]
     if "links" in numbers:
@@ -479,6 +518,34 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
     return rows
 
 
+def _moves(numbers: Mapping[str, Any]) -> bool:
+    """Whether a packing that was given, not made by a run, is out of balance."""
+    if "outcome" in numbers or numbers["force_residual"] is None:
+        return False
+    if numbers.get("at_rest") is not None:
+        return not numbers["at_rest"]
+    return bool(numbers["force_residual"] > _AT_REST)
+
+
+def _sizes_row(numbers: Mapping[str, Any]) -> list[Row]:
+    """Return how large the particles are, where the numbers hold it."""
+    if "diameters" not in numbers:
+        return []
+    words, note = ", ".join(f"{count} of {size:.6g}" for size, count in numbers["diameters"]), "particles of a diameter"
+    if not words:
+        words, note = f"{numbers['diameter_min']:.4g} to {numbers['diameter_max']:.4g}", "diameters"
+    return [("sizes", words, f"{note}, in the scene's unit of length; sizes under [packing] sets them")]
+
+
+def _deep_row(numbers: Mapping[str, Any]) -> list[Row]:
+    """Return the largest overlap, over the contact distance, where it is more than laws of contacts are meant for."""
+    overlap = numbers.get("largest_overlap", 0.0)
+    if overlap <= _DEEP:
+        return []
+    note = f"DEEP: beyond {_DEEP:.0%} of the contact distance laws of contacts mean little; lower the pressure"
+    return [("largest overlap", f"{overlap:.1%}", note)]
+
+
 def _residual(residual: float | None) -> Row:
     if residual is None:
         return ("force residual", "-", "no contact carries a force")
@@ -495,7 +562,10 @@ def _frequencies(frequencies: Sequence[float], floor: float) -> Row:
 
 def _contacts_row(numbers: Mapping[str, Any]) -> Row:
     d = numbers["dimension"]
-    extra = 1 if numbers["strain"] == "isotropic" else d * (d + 1) // 2
+    all_strains = d * (d + 1) // 2
+    extra, other, words = (
+        (1, all_strains, "free") if numbers["strain"] == "isotropic" else (all_strains, 1, "isotropic")
+    )
     note = f"isostatic: {numbers['isostatic_contacts']}"
     if numbers["isostatic_contacts"] is None:
         note = f"and {numbers['wall_contacts']} with walls"
@@ -508,10 +578,17 @@ def _contacts_row(numbers: Mapping[str, Any]) -> Row:
     elif numbers["isostatic_contacts"]:
         less = " - L'" if "links" in numbers else ""
         note += f" = {d}N'{extra - d:+d}{less}, strain {numbers['strain']}"
+        note += f" ({numbers['isostatic_contacts'] + other - extra} with strain {words})"
     if "states_of_self_stress" in numbers:
         states = numbers["states_of_self_stress"]
         note += f"; {states} state{'s' if states != 1 else ''} of self stress"
     return ("contacts", str(numbers["contacts"]), note)
+
+
+def _coordination_row(numbers: Mapping[str, Any]) -> Row:
+    which = "contacts that bear a force" if "contacts_at_limit" in numbers else "contacts"
+    note = f"{which} per particle that is no rattler, 2 N_c / N'"
+    return ("coordination number", f"{numbers['coordination_number']:.4f}", note)
 
 
 def _rattlers(numbers: Mapping[str, Any]) -> Row:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import instance, told
+from packmech.check import clear_errors, instance
 from packmech.contacts import pair_contacts
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.pair_forces import Touching
@@ -170,7 +170,7 @@ def trajectory_of_run(run: Run, scene: Scene, frames: int) -> Trajectory:
     return Trajectory((*kept, PackingFrame(last, float(last), run.packing)), scene.effects, curves_of_trace(trace))
 
 
-@told
+@clear_errors
 def snapshots(run: Run, scene: Scene) -> Iterator[Snapshot]:
     """Return every packing that a run kept, one after another, for `pm.write_trajectory`.
 

@@ -175,6 +175,10 @@ def test_analyze_of_the_written_packing_finds_the_same_numbers(jammed):
     same = JSON_FIELDS - {"seconds", "force_residual"}
     assert {name: again[name] for name in same} == {name: numbers[name] for name in same}
     assert "stored with it" in done.stdout
+    packmech("analyze", "end.npz", "--strain", "free", "--json", "free.json", folder=folder)
+    free = json.loads((folder / "free.json").read_text())
+    assert free["isostatic_contacts"] == numbers["isostatic_contacts"] + 2
+    assert free["coordination_number"] == numbers["coordination_number"]
 
 
 def test_run_does_what_the_drive_of_the_scene_says(jammed, tmp_path):
@@ -222,6 +226,29 @@ def test_a_touching_lattice_is_analyzed_with_no_residual_and_null_in_its_json(tm
     assert json.loads((tmp_path / "kagome.json").read_text())["force_residual"] is None
 
 
+def test_a_packing_that_is_not_at_rest_is_told_first_and_called_jammed_by_nothing(tmp_path):
+    pm.write_packing(pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=1), tmp_path / "raw.csv")
+    lines = packmech("analyze", "raw.csv", folder=tmp_path).stdout.splitlines()
+    title = next(k for k, line in enumerate(lines) if "32 discs" in line)
+    assert "NOT AT REST" in lines[title + 2] and "packmech jam FILE" in lines[title + 2]
+    assert not any("jammed to first order" in line for line in lines)
+
+
+def test_a_packing_held_by_friction_is_analyzed_with_its_coefficient_only(tmp_path):
+    crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=1e-3)
+    first = pm.find_contacts(crystal).select(np.arange(1))
+    springs = pm.TangentialDisplacements(first.i_c, first.j_c, first.image_cd, np.zeros((1, 1)))
+    pm.write_packing(crystal.replace(tangential=springs), tmp_path / "rough.npz")
+    refused = packmech("analyze", "rough.npz", folder=tmp_path)
+    assert refused.returncode == 2 and "friction must be given for a packing that friction holds" in one_line(refused)
+    done = packmech("analyze", "rough.npz", "--friction", "0.5", "--json", "rough.json", folder=tmp_path)
+    assert json.loads((tmp_path / "rough.json").read_text())["coordination_number"] == 6.0
+    assert "'coefficient': 0.5" in done.stdout and "with friction; 0 at the Coulomb limit" in done.stdout
+    assert "it is about particles without friction" in done.stdout and "would ignore" not in done.stdout
+    smooth = packmech("analyze", "rough.npz", "--friction", "0", folder=tmp_path)
+    assert "strictly jammed" in smooth.stdout and "tangential springs left out" in smooth.stdout
+
+
 def test_scenes_lists_every_shipped_scene(tmp_path):
     done = packmech("scenes", folder=tmp_path)
     assert all(name in done.stdout for name in pm.list_scenes())
@@ -245,6 +272,11 @@ def test_scenes_lists_every_shipped_scene(tmp_path):
         (("analyze", "nan.txt"), "position_nd must be finite"),
         (("analyze", "pair.txt", "--law", "sticky"), "packmech: law must be one of"),
         (("run", "idle.toml"), "packmech: scene must have a [drive] to be run"),
+        (("jam", "--particles", "64.5"), "must be a whole number, got '64.5'"),
+        (
+            ("jam", "--packing-fraction", "90"),
+            "packing_fraction must be at most 5, got 90.0: it is the particles'",
+        ),
     ],
 )
 def test_bad_input_is_one_clear_line_and_exit_code_2(tmp_path, arguments, message):
@@ -293,6 +325,24 @@ def test_ctrl_c_waits_until_the_compiler_is_done():
             time.sleep(0.05)
         seen.append("never interrupted")
     assert seen == ["compiled"]
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_the_wait_for_the_compiler_is_told_once(capsys, monkeypatch):
+    from packmech.jit import interrupts
+
+    def compiling():
+        for _ in range(3):
+            with interrupts.held_interrupts():
+                signal.raise_signal(signal.SIGINT)
+
+    inside = {"__name__": "numba.core.dispatcher", "compiling": compiling}
+    exec("def compile(): compiling()", inside)
+    monkeypatch.setattr(interrupts, "_announced", -np.inf)
+    with pytest.raises(KeyboardInterrupt), interrupts.safe_interrupts():
+        inside["compile"]()
+        time.sleep(5.0)
+    assert capsys.readouterr().err.count("stopping when") == 1
 
 
 @pytest.mark.usefixtures("ctrl_c")

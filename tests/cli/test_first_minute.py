@@ -141,3 +141,28 @@ def largest_overlap_of_mine(state):
         assert numbers["largest_overlap_of_mine"] == pytest.approx(overlap, rel=1e-12)
     finally:
         OBSERVABLES.pop("largest_overlap_of_mine", None)
+
+
+def test_a_packing_file_is_jammed_or_becomes_a_scene_with_its_law(folder, capsys):
+    start = pm.random_packing(16, dimension=2, packing_fraction=0.9, seed=1)
+    (folder / "in").mkdir()
+    pm.write_packing(start, "in/mine.npz", law=pm.Hertz(2.0))
+    with pytest.raises(ValueError, match="packmech jam in/mine.npz .*packmech analyze in/mine.npz"):
+        execute(["run", "in/mine.npz"])
+    execute(["new", "in/my.toml", "--packing", "in/mine.npz", "--set", "drive.pressure=1e-3"])
+    scene = pm.read_scene("in/my.toml")
+    assert (scene.packing, scene.effects) == (start, (pm.Repulsion(pm.Hertz(2.0)),))
+    execute(["jam", "in/mine.npz", "--pressure", "1e-3", "--no-record", "--out", "end.npz", "--modes", "0"])
+    assert pm.pressure(scene.replace(packing=pm.read_packing("end.npz"))) == pytest.approx(2e-3, rel=1e-3)
+
+
+def test_another_kind_of_packing_drops_the_fields_of_the_old_one_and_says_so(folder, capsys):
+    pm.write_packing(pm.lattice_packing("kagome"), "mine.csv")
+    execute(
+        ["new", "my.toml", "--set", "packing.kind=file", "--set", "packing.path=mine.csv", "--set", "drive.kind=quench"]
+    )
+    assert pm.read_scene("my.toml").packing.particles == 3
+    assert pm.read_scene("my.toml").drive == pm.QuenchDrive()
+    said = capsys.readouterr().err
+    assert "packing.kind = file leaves out what the packing of kind 'random' had: particles" in said
+    assert "drive.kind = quench leaves out" in said

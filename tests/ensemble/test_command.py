@@ -63,3 +63,48 @@ def test_wrong_words_are_refused(tmp_path, words, message):
         return
     with pytest.raises((ValueError, FileNotFoundError, CycloptsError), match=message):
         execute(["ensemble", *words, "--folder", str(tmp_path / "out")])
+
+
+@pytest.mark.parametrize(("letter", "name"), [("z", "coordination_number"), ("phi_J", "jamming_packing_fraction")])
+def test_the_letter_of_a_result_suggests_its_name(tmp_path, letter, name):
+    (tmp_path / "job.py").write_text(
+        "def told(seed):\n    return {'coordination_number': 4.0 + seed, 'jamming_packing_fraction': 0.84}\n"
+    )
+    folder = ["--folder", str(tmp_path / "out")]
+    assert execute(["ensemble", f"{tmp_path}/job.py:told", "--seeds", "0:2", "--workers", "0", *folder]) == OK
+    with pytest.raises(ValueError, match=f"did you mean '{name}'"):
+        execute(["ensemble", "table", "--of", letter, *folder])
+
+
+def test_a_grid_without_seeds_has_one_start_and_numbers_without_errors(tmp_path, capsys):
+    (tmp_path / "small.toml").write_text(
+        '[packing]\nkind = "random"\nparticles = 12\ndimension = 2\npacking_fraction = 0.95\nseed = 3\n'
+        '[[effects]]\nkind = "repulsion"\nlaw = "harmonic"\n[drive]\nkind = "quench"\nforce_tolerance = 1e-2\n'
+    )
+    scene, folder = f"{tmp_path}/small.toml", tmp_path / "out"
+    words = ["ensemble", scene, "--folder", str(folder), "--workers", "0"]
+    assert execute([*words, "--grid", "drive.force_tolerance=1e-2,1e-3", "effects.repulsion.law=harmonic"]) == OK
+    assert "scene's own seed for each member" in capsys.readouterr().out
+    found = pm.read_ensemble(folder)
+    rows = range(len(found))
+    start = pm.quench(pm.read_scene(scene), force_tolerance=1e-2)
+    assert any(found.packing(row) == start.packing for row in rows)
+    execute(["ensemble", "table", "--folder", str(folder)])
+    said = capsys.readouterr().out
+    assert "force tolerance" in said or "drive.force_tolerance" in said
+    assert "nan" not in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["jam", "--pressure", "1e-6", "1e-5"],
+        ["jam", "--set", "drive.pressure=1e-6,1e-5"],
+        ["run", "default", "--grid", "drive.pressure=1e-6,1e-5"],
+        ["run", "default", "--seeds", "0:3"],
+        ["sweep", "default"],
+    ],
+)
+def test_one_run_for_several_values_names_the_command_that_makes_them(words):
+    with pytest.raises(ValueError, match="packmech ensemble SCENE --grid drive.pressure=1e-6,1e-5"):
+        execute(words)

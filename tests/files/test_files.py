@@ -261,6 +261,7 @@ def test_npz_with_wrong_arrays_is_refused(tmp_path, arrays, message):
     [
         ("{", "path must name a readable packing"),
         (json.dumps({"kind": "gravity"}), "law.kind must be one of .*'harmonic'.* got 'gravity'"),
+        (json.dumps({"kind": "my-cubic"}), "got 'my-cubic'.*register it with pm.law, and load its file with --load"),
         (json.dumps({"kind": "harmonic", "stiffness": 1.0}), "law.stiffness must be a field of harmonic .energy_scale"),
         (json.dumps({"kind": "harmonic", "energy_scale": "1"}), "law.energy_scale must be a number, got '1'"),
     ],

@@ -5,10 +5,13 @@ import pathlib
 import pty
 import subprocess
 import sys
+import time
 
 import pytest
+from numba.core import event
 
 import packmech
+from packmech.jit.compiled import compile_clock
 
 ROOT = pathlib.Path(packmech.__file__).parents[1]
 SCRIPT = """
@@ -91,3 +94,12 @@ def test_nothing_is_said_where_the_code_is_found_on_disk(told):
 @pytest.mark.parametrize("where", ["pipe", "not ours"])
 def test_nothing_is_said_into_a_pipe_nor_of_others_functions(told, where):
     assert told[where] == []
+
+
+def test_compiling_is_timed_by_the_clock_of_all_costs():
+    began = time.process_time()
+    with compile_clock() as clock, event.trigger_event("numba:compile", data={"dispatcher": None}):
+        time.sleep(0.2)  # takes no CPU time
+        with event.trigger_event("numba:compile", data={"dispatcher": None}):
+            sum(range(300_000))
+    assert 0.0 < clock() <= time.process_time() - began < 0.2

@@ -366,3 +366,9 @@ def test_a_jammed_packing_s_report_has_its_whole_stress_tensor_of_contacts_found
     assert run.report["stress_anisotropy"] == pytest.approx(
         np.abs(run.report["stress"] + 1e-3 * np.eye(2)).max() / 1e-3, rel=1e-9
     )
+
+
+@pytest.mark.parametrize("law", [pm.Harmonic(), pm.Hertz(2.0), pm.LinearSpring(3.0)])
+def test_a_pressure_that_no_overlap_bears_is_refused(law):
+    with pytest.raises(ValueError, match="pressure must be at most .* got 100000"):
+        pm.jam(start(16, effects=(pm.Repulsion(law),)), pressure=1e5)

@@ -179,3 +179,30 @@ def test_a_pile_has_no_rattlers_and_no_isostatic_count():
     assert numbers["isostatic_contacts"] is None
     assert numbers["wall_contacts"] == len(pm.wall_contacts(scene)) > 0
     assert numbers["contacts"] == len(pm.find_contacts(scene.packing))
+
+
+def test_the_report_of_a_crystal_has_six_contacts_per_particle_and_both_isostatic_counts():
+    report = examine(crystal(), modes=0)
+    assert report.numbers["coordination_number"] == 6.0 == pm.coordination_number(crystal().packing)
+    rows = result_rows(report.numbers, report.missing)
+    assert row(rows, "coordination number")[1] == "6.0000"
+    assert "31 = 2N'-1, strain isotropic (33 with strain free)" in row(rows, "contacts")[2]
+    free = examine(crystal(), modes=0, strain="free")
+    assert free.numbers["isostatic_contacts"] == 33
+    assert "33 = 2N'+1, strain free (31 with strain isotropic)" in row(result_rows(free.numbers, {}), "contacts")[2]
+
+
+@pytest.mark.parametrize(("overlap", "deep"), [(0.4, False), (0.6, True)])
+def test_particles_that_lie_on_each_other_are_remarked(overlap, deep):
+    report = examine(crystal(relative_overlap=overlap), modes=0, verdict=False)
+    assert report.numbers["largest_overlap"] == pytest.approx(overlap)
+    assert any(name == "largest overlap" for name, *_ in result_rows(report.numbers, {})) is deep
+
+
+def test_the_report_says_how_large_particles_are():
+    packing = pm.random_packing(6, dimension=3, packing_fraction=0.3, seed=1)
+    report = examine(pm.Scene(packing, HARMONIC), modes=0, verdict=False)
+    assert row(result_rows(report.numbers, {}), "sizes")[1] == "3 of 1, 3 of 1.4"
+    many = pm.random_packing(6, dimension=2, sizes=[0.5, 0.6, 0.7, 0.8, 0.9, 1.0], packing_fraction=0.3, seed=1)
+    report = examine(pm.Scene(many, HARMONIC), modes=0, verdict=False)
+    assert row(result_rows(report.numbers, {}), "sizes")[1] == "1 to 2"
