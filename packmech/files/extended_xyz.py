@@ -101,7 +101,7 @@ class _Frames:
         line = 1
         with open(path, "rb") as file:
             while True:
-                place, first = file.clear_fields(), file.readline()
+                place, first = file.tell(), file.readline()
                 if not first.strip():
                     if not first or not file.read().strip():
                         break
