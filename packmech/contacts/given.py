@@ -38,7 +38,10 @@ def check_contacts(packing: Packing, contacts: Contacts | ShapeContacts) -> None
         If they are of the wrong kind, or made for other numbers of particles or axes, or other shapes.
 
     """
-    instance("contacts", contacts, ShapeContacts if packing.shapes.has_orientations else Contacts)
+    if not packing.shapes.has_orientations:
+        instance("contacts", contacts, Contacts)
+    elif not isinstance(contacts, ShapeContacts):
+        raise TypeError(f"contacts must be ShapeContacts for a packing with shapes, got {type(contacts).__name__}")
     if (contacts.particles, contacts.dimension) != (packing.particles, packing.dimension):
         raise ValueError(
             f"contacts must belong to {packing.particles} particles in {packing.dimension} dimensions,"
