@@ -74,6 +74,13 @@ class Box:
         side = positive("side", side)
         return Box(side * np.eye(integer("dimension", dimension, at_least=2, at_most=3)))
 
+    def __str__(self) -> str:
+        """Return the sides of a rectangular box, or the lattice vectors of another."""
+        side = self.lattice_dd.diagonal()
+        if np.array_equal(self.lattice_dd, np.diag(side)):
+            return " x ".join(f"{one:.6g}" for one in side)
+        return ", ".join(f"({', '.join(f'{one:.6g}' for one in vector)})" for vector in self.lattice_dd.T)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Box) and bool(np.array_equal(self.lattice_dd, other.lattice_dd))
 
