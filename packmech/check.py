@@ -356,6 +356,8 @@ def call_fault(call: Callable[..., Any], given: Sequence[Any], named: Mapping[st
         placed = [one for one, field in fields.items() if field.kind is not inspect.Parameter.KEYWORD_ONLY]
         if len(given) > len(placed):
             others = ", ".join(f"{one}=..." for one in fields if one not in placed and one not in named)
+            if not others:
+                return f"{name}() takes {len(placed)} arguments ({', '.join(placed)}), got {len(given)}"
             return f"{name}() takes {', '.join(placed)} by place, and the others by name: {others}"
         return f"{name}(): {error}"
     return ""

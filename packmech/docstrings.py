@@ -93,9 +93,13 @@ def print_subjects(
         rows = {
             name: line
             for name, line in about.items()
+            # a symbol, such as z, is a part of too many words
             if name in meant
-            or all(part in subject.lower() for part in parts)
-            or all(part in f"{name} {line}".lower() for part in parts)
+            or not (meant and len(word) < 3)
+            and (
+                all(part in subject.lower() for part in parts)
+                or all(part in f"{name} {line}".lower() for part in parts)
+            )
         }
         if rows:
             found = True

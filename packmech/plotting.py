@@ -45,6 +45,8 @@ SIZE, SQUARE, SMALL = (5.6, 3.8), (6.4, 5.6), (2.6, 2.6)
 BEARING, RATTLER, HELD, EDGE = "#b7cbe0", "#f0d091", "#b4b4b4", "#5b6b7d"
 # what lies at the back of a packing in space is mixed with white up to this part
 _FADED = 0.65
+# part of the box by which places may differ that are the same [1]
+_SAME = 1e-6
 _POINTS = {"marker": "o", "markersize": 3.5, "linewidth": 1.2}
 _UNIT = "[energy/length$^d$]"
 
@@ -363,8 +365,14 @@ def _draw_verdict(verdict: Verdict, ax: Any, *, packing: Any = None, scale: floa
     if shown.shapes.has_orientations:
         # numbers among the backbone particles
         i_c, j_c = (np.flatnonzero(verdict.backbone)[end] for end in (i_c, j_c))
-    apart = inside.position_nd[i_c] + one.vector_cd - inside.position_nd[j_c]
-    image_cd = np.rint(apart @ shown.box.inverse_dd.T).astype(np.int64)
+    if len(verdict.rattlers) != shown.particles:
+        raise ValueError(
+            f"packing must be that of the verdict, of {len(verdict.rattlers)} particles, got {shown!r:.60}"
+        )
+    apart = (inside.position_nd[i_c] + one.vector_cd - inside.position_nd[j_c]) @ shown.box.inverse_dd.T
+    image_cd = np.rint(apart).astype(np.int64)
+    if np.abs(apart - image_cd).max(initial=0.0) > _SAME:
+        raise ValueError(f"packing must be the one of the verdict, got another one: {shown!r:.60}")
     segments, _ = drawing.pair_lines(inside.position_nd, i_c, j_c, image_cd, one.vector_cd)
     drawn = dataclasses.replace(drawing.draw_packing(shown), segment_sed=segments, force_s=np.ones(len(segments)))
     fill_nc, legend = _role_fills(shown, (), verdict.rattlers)

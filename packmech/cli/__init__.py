@@ -27,6 +27,8 @@ Help on a verb: packmech VERB --help"""
 # what to do where one run is asked for several values
 SEVERAL = "one run for each value, or for each seed, is made by packmech ensemble SCENE"
 # verb: what it does. Its function is packmech.cli.VERB.VERB
+# options of which several values are a sweep
+_SWEPT = ("--pressure", "--friction", "--particles", "--packing-fraction", "--seed", "--set")
 VERBS = {
     "new": "Write a scene file with comments, to change by hand.",
     "jam": "Jam a scene, say what the packing is, and leave a recording of it.",
@@ -82,7 +84,7 @@ def _refuse_several(words: Sequence[str]) -> None:
             name = word.partition("=")[0]
             if name in ("--grid", "--sweep", "--seeds"):
                 found = f"{name} must be left out of packmech {verb}, which makes one run"
-            elif word.startswith("--") and len(words) > k + 2 and all(map(_is_number, words[k + 1 : k + 3])):
+            elif word in _SWEPT and len(words) > k + 2 and all(map(_is_number, words[k + 1 : k + 3])):
                 found = f"{name} must be one number, got {words[k + 1]} {words[k + 2]}"
     if found is not None:
         raise ValueError(f"{found}: {SEVERAL} --grid drive.pressure=1e-6,1e-5 --seeds 0:4")

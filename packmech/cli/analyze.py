@@ -57,7 +57,7 @@ def analyze(
     friction
         Coulomb's coefficient, of contacts whose tangential springs have stiffness 1, as in `packmech jam --friction`
     strain
-        for the isostatic number of contacts: "isotropic" where the box kept its shape, "free" where every one relaxed
+        for the isostatic number of contacts: "isotropic" where the box kept its shape, "free" where all strains relaxed
 
     """
     load_modules(load)

@@ -46,7 +46,7 @@ class Changes:
         of the repulsion: harmonic, hertz, ...
     friction
         Coulomb's coefficient; adds friction to a scene without, which is then jammed at a pressure of 1e-3, from a
-        random start at a packing fraction of at most 0.7 (0.5 in space), unless others are given
+        random start of discs at a packing fraction of at most 0.7 (of spheres 0.5), unless others are given
 
     """
 
@@ -91,7 +91,7 @@ class Changes:
                     drive["pressure"] = max(_PRESSED, drive.get("pressure", _PRESSED))
                     start = tables.get("packing", {})
                     if start.get("kind") == "random" and start.get("shapes") is None:
-                        loose = _LOOSE.get(self.dimension or start.get("dimension", 2), math.inf)
+                        loose = _LOOSE.get(changes.get("packing.dimension", start.get("dimension", 2)), math.inf)
                         start["packing_fraction"] = min(loose, start.get("packing_fraction", loose))
             changes["effects.friction.coefficient"] = self.friction
         return changed_tables(tables, seed=seed, changes=changes), folder
@@ -119,7 +119,8 @@ def _of_file(tables: dict[str, Any], file: Path, beside: Path) -> dict[str, Any]
     """Return the tables of a scene with the packing of a file in place of its own."""
     law = read_law(file)
     effects = [
-        {**one, "law": to_table(law)} if law is not None and "law" in one else one for one in tables.get("effects", [])
+        {**one, "law": to_table(law)} if law is not None and one.get("kind") == "repulsion" else one
+        for one in tables.get("effects", [])
     ]
     packing = {"kind": "file", "path": os.path.relpath(file, beside)}
     return {"description": f"The packing in {file.name}", "packing": packing, "effects": effects} | {

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from packmech.cli import FAILED, OK
-from packmech.cli.output import Load, Switch, show, table, working
+from packmech.cli.output import WHOLE, Load, Switch, show, table, working
 from packmech.ensemble.drawing import draw_ensemble
 from packmech.ensemble.folder import make_members, prepare
 from packmech.ensemble.jobs import check_parameters, job_table
@@ -43,6 +43,7 @@ Folder = Annotated[Path, Parameter(help="where everything is kept: a signac proj
 Of = Annotated[Texts, Parameter(help="results that it is about, named as in the table (default: numbers that vary)")]
 Workers = Annotated[
     int | None,
+    WHOLE,
     Parameter(help="processes on this machine (default: one for each core); 0: the command's own, without limits"),
 ]
 Scheduler = Annotated[
@@ -53,7 +54,7 @@ Scheduler = Annotated[
 ]
 Part = Annotated[str | None, Parameter(help="K/N: only this part, for array jobs")]
 Members = Annotated[Texts, Parameter(help="only these, named by their folders")]
-Group = Annotated[int | None, Parameter(help="members that a scheduler, or a job of row, is given at once")]
+Group = Annotated[int | None, WHOLE, Parameter(help="members that a scheduler, or a job of row, is given at once")]
 TimeLimit = Annotated[
     float | None, Parameter(help="of each member, without compiling [s]; a member beyond it is ended and has failed")
 ]

@@ -17,6 +17,7 @@ from packmech.effects.body import (
 from packmech.effects.bonds import (
     Bonds,
     acting_contacts,
+    acts,
     bonds_of,
     links_and_bonds,
     refuse_tangential_bonds,
@@ -153,6 +154,7 @@ __all__ = [
     "total_push",
     "spin_drag",
     "acting_contacts",
+    "acts",
     "wall_sides",
 ]
 

@@ -148,15 +148,20 @@ def bonds_of(effects: tuple[Any, ...]) -> Bonds | None:
     return next((one for one in effects if isinstance(one, Bonds) and len(one)), None)
 
 
-def acting_contacts(contacts: T, effects: tuple[Any, ...]) -> T:
-    """Return the contacts that push something: of pairs that no bond joins at the same image, and not of two held."""
+def acts(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
+    """Return (C,) which contacts push something: of pairs that no bond joins at the same image, and not of two held."""
     held, bonds = held_particles(effects, contacts.particles), bonds_of(effects)
-    if held is not None:
-        contacts = cast(T, contacts.select(~(held[contacts.i_c] & held[contacts.j_c])))
-    if bonds is None:
-        return contacts
-    named = (contacts.i_c, contacts.j_c, contacts.image_cd)
-    return cast(T, contacts.select(named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0))
+    acting = np.ones(len(contacts), dtype=bool) if held is None else ~(held[contacts.i_c] & held[contacts.j_c])
+    if bonds is not None:
+        named = (contacts.i_c, contacts.j_c, contacts.image_cd)
+        acting &= named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0
+    return acting
+
+
+def acting_contacts(contacts: T, effects: tuple[Any, ...]) -> T:
+    """Return the contacts that push something (`acts`)."""
+    acting = acts(contacts, effects)
+    return contacts if acting.all() else cast(T, contacts.select(acting))
 
 
 def links_and_bonds(packing: Packing, effects: tuple[Any, ...]) -> Links:

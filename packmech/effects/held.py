@@ -21,10 +21,10 @@ class FixedParticles:
     """Particles that stay where they are, whatever pushes them: rough walls and hoppers are made of them.
 
     Ellipses, spheroids and rigid bodies keep their directions, too. Nothing else distinguishes them: others touch them
-    as they touch each other. Two that are held do not push each other, however they overlap: no contact, energy or
-    stress is counted between them. What holds them takes up their net force, so that `forces` is zero for them. With a
-    velocity they are moved all the same way, whatever pushes them: then nothing is at rest, and calls of what is at
-    rest refuse them.
+    as they touch each other. Two that are held do not touch, however they overlap: no contact, energy or stress is
+    counted between them. Bonds between them still are, and calls of a packing alone do not know who is held. What holds
+    them takes up their net force, so that `forces` is zero for them. With a velocity they are moved all the same way,
+    whatever pushes them: then nothing is at rest, and calls of what is at rest refuse them.
 
     Parameters
     ----------

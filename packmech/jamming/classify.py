@@ -67,8 +67,8 @@ def off_plateau(selection: ContactSelection) -> str:
     steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in selection.levels)
     return (
         f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}; "
-        "judge the hard packing that pm.jam came from, run.report['hard_packing'], or the pairs that press, "
-        "contacts=pm.find_contacts(packing), or a packing at a pressure at which overlaps are smaller "
+        "judge the hard packing that pm.jam compressed (run.report['hard_packing'] of HardVertex), or the pairs that "
+        "press, contacts=pm.find_contacts(packing), or a packing at a pressure at which overlaps are smaller "
         f"({selection.mean_overlap:.1e} in the mean here); see packmech guide verdicts"
     )
 

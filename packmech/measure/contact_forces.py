@@ -49,7 +49,8 @@ def unless_at_rest(force_residual: float, at_rest: bool, words: str) -> str:
     """Return the headline of a result of a scene; that it is not at rest, and what to do, is its first line."""
     if at_rest:
         return words
-    return f"not at rest (force residual {force_residual:.2g}): relax it first with pm.quench or pm.jam\n{words}"
+    mend = "relax it first, by pm.quench, or pm.settle with friction"
+    return f"not at rest (force residual {force_residual:.2g}): {mend}\n{words}"
 
 
 def _headline(one: ContactForces) -> str:
@@ -201,7 +202,11 @@ class ContactForces:
     @functools.cached_property
     def at_rest(self) -> bool:
         """Whether the residual is at most a hundredth, or no more than rounding of the coordinates makes of it."""
-        if self.residual <= AT_REST:
+        return self.balances_to(AT_REST)
+
+    def balances_to(self, tolerance: float) -> bool:
+        """Return whether the residual is at most that, or no more than rounding of the coordinates makes of it."""
+        if self.residual <= tolerance:
             return True
         terms = contact_terms(self.scene.effects, self.contacts.distance_c, self.contacts.contact_distance_c)
         return self.largest_imbalance <= _FLOORS * rounding_force(self.scene.packing, terms.second_c)
@@ -212,8 +217,8 @@ class ContactForces:
             count = self.scene.packing.particles
             warn(
                 f"scene should be at rest, got force residual {self.residual:.2g}: {left_out} of {count} particles "
-                "count as rattlers by contacts that do not balance, and are left out; relax it first with pm.quench "
-                'or pm.jam, or take all particles with rattlers="keep"',
+                "count as rattlers by contacts that do not balance, and are left out; relax it first, by pm.quench, or "
+                'pm.settle with friction, or take all particles with rattlers="keep"',
             )
 
     @functools.cached_property

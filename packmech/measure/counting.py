@@ -85,7 +85,7 @@ def coordination_number(packing: Packing, *, gap_tolerance: float | None = None,
         if overlapping:
             warn(
                 f"packing should be at rest, got {overlapping} pairs that overlap and no particle that they hold: all "
-                "rattle; relax it first with pm.quench or pm.jam; where friction, weights or walls hold it, "
+                "rattle; relax it first, by pm.quench; where friction, weights or walls hold it, "
                 'pm.contact_forces(scene) tells; rattlers="keep" counts all contacts',
             )
         return 0.0

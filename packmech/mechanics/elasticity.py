@@ -25,9 +25,7 @@ from packmech.linalg.mandel import (
     trace_vector,
 )
 from packmech.measure.contact_forces import (
-    AT_REST,
     ContactForces,
-    force_residual,
     resting_forces,
     unless_at_rest,
 )
@@ -95,7 +93,7 @@ class Average:
 def _headline(one: Moduli) -> str:
     words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}"
     if len(one.at_limit_k):
-        words += f"; {len(one.at_limit_k)} at the Coulomb limit: {one.contacts_at_limit!r}"
+        words += f"; {len(one.at_limit_k)} contacts at the Coulomb limit: {one.at_limit_motion}"
     return unless_at_rest(one.force_residual, one.at_rest, words)
 
 
@@ -147,7 +145,7 @@ class Moduli:
     doubtful_at_limit
         How many contacts are so near to the bound between those at the limit and the others that moduli may rest on
         where it lies (`ContactForces.limit`).
-    contacts_at_limit
+    at_limit_motion
         With friction, what contacts at the Coulomb limit do: "stick", "slip", or "strain" where one was given. Empty
         without.
     at_rest
@@ -174,7 +172,7 @@ class Moduli:
     at_limit_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     sliding_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     doubtful_at_limit: int = 0
-    contacts_at_limit: str = ""
+    at_limit_motion: str = ""
     at_rest: bool = True
 
     @property
@@ -580,7 +578,7 @@ def elastic_moduli(
         response = _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, whole, start)
     if acting_friction(scene.effects) is None:
         return response
-    return replace(response, contacts_at_limit=at_limit if isinstance(at_limit, str) else "strain")
+    return replace(response, at_limit_motion=at_limit if isinstance(at_limit, str) else "strain")
 
 
 def _at_limit(given: str | ArrayLike, dimension: int) -> str | NDArray[np.float64]:
@@ -636,7 +634,7 @@ def _refuse_bearing_rattlers(forces: ContactForces, virial: float) -> None:
     Forces are those of all contacts, `virial` is the sum of du/dr r over the contacts and bonds that are kept.
     """
     whole = float(np.trace(forces.contact_stress_dd)) * forces.scene.packing.box.volume
-    if forces.residual <= AT_REST and abs(whole - virial) > _BORNE * abs(whole):
+    if forces.at_rest and abs(whole - virial) > _BORNE * abs(whole):
         raise ValueError(
             f"scene must have rattlers that bear no pressure, got rattlers that bear {1.0 - virial / whole:.2g} of it, "
             'as between their own images: rattlers="keep" takes their contacts along'
@@ -751,10 +749,11 @@ def compliance_matrix(
     one_of("kind", kind, KINDS)
     one_of("method", method, METHODS)
     positive("memory_limit", memory_limit)
-    residual = force_residual(scene)
-    if residual > AT_REST:
+    forces = resting_forces(scene)
+    if not forces.at_rest:
         raise ValueError(
-            f"scene must be at rest, got a net force of {residual:.2g} mean contact forces: quench or jam it first"
+            f"scene must be at rest, got a net force of {forces.residual:.2g} mean contact forces: "
+            "quench or jam it first"
         )
     if method == "sparse":
         moduli = elastic_moduli(scene, kind=kind, rattlers=rattlers, gap_tolerance=gap_tolerance)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.effects import acting_friction, held_particles, lacking_second
+from packmech.effects import acting_friction, lacking_second
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import frictional_network, frictional_system
 from packmech.mechanics.linked_systems import (
@@ -206,18 +206,14 @@ def curvature_of(scene: Scene) -> tuple[Operator, NDArray[np.bool_]]:
 
 
 def _whole(scene: Scene) -> Network:
-    """Return all particles with their contacts, but for those between held ones."""
+    """Return all particles with their contacts."""
     packing, effects = scene.packing, scene.effects
     network = contact_network(packing, effects, rattlers="keep")
     links = packing.links
     if len(links) and (links.i_l != links.j_l).all():
         # refuses links that hold to second order only, whose forces are not determined
         network = replace(network, links=ConstraintFactor(packing, workable_links(packing)))
-    held = held_particles(effects, packing.particles)
-    if held is None:
-        return network
-    one = network.contacts
-    return replace(network, contacts=one.select(~(held[one.i_c] & held[one.j_c])))
+    return network
 
 
 def _sticking(scene: Scene, unbalanced: float) -> Stability:

@@ -8,10 +8,12 @@ in place until overlaps are shallow, and growing them again little by little, re
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from packmech.contacts.shape_contacts import find_shape_contacts
+from packmech.effects import acting_contacts
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.links_apart import separate_links
 from packmech.minimize.program import Program, build_program
@@ -25,17 +27,17 @@ _SMALLER, _SMALLEST, _GROWTH = 0.7, 1e-4, 0.15
 _TOLERANCE, _STEPS = 1e-2, 300
 
 
-def deep_overlaps(packing: Packing) -> int:
+def deep_overlaps(packing: Packing, effects: tuple[Any, ...] = ()) -> int:
     """Return the number of pairs of rigid bodies whose beads overlap deeply: some of them pass through each other."""
-    contacts = find_shape_contacts(packing)
+    contacts = acting_contacts(find_shape_contacts(packing), effects)
     deep = contacts.overlap_c > SHALLOW
     pairs = np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd])[deep]
     return len(np.unique(pairs, axis=0))
 
 
-def report_of_bodies(packing: Packing) -> dict[str, int]:
+def report_of_bodies(packing: Packing, effects: tuple[Any, ...] = ()) -> dict[str, int]:
     """Return the number of deep overlaps of rigid bodies, as runs report it; nothing of other particles."""
-    return {"deep_overlaps": deep_overlaps(packing)} if packing.shapes.has_beads else {}
+    return {"deep_overlaps": deep_overlaps(packing, effects)} if packing.shapes.has_beads else {}
 
 
 def separate(
@@ -58,10 +60,10 @@ def separate(
     if not packing.shapes.has_beads:
         limit = {} if step_limit is None else {"step_limit": step_limit}
         return separate_links(program, packing, **limit, look=look)
-    radius, size = packing.radius_n, 1.0
-    if not deep_overlaps(packing):
+    radius, size, effects = packing.radius_n, 1.0, program.scene.effects
+    if not deep_overlaps(packing, effects):
         return packing, 0
-    while size > _SMALLEST and deep_overlaps(packing.replace(radius_n=size * radius)):
+    while size > _SMALLEST and deep_overlaps(packing.replace(radius_n=size * radius), effects):
         size *= _SMALLER
     shapes = packing.shapes
     slender = float((shapes.reach(radius)[shapes.particle_b] / shapes.site_radius(radius)).max())

@@ -397,7 +397,7 @@ class _Descent:
             stages=tuple(self.stages),
             trace=trace,
             unmet=unmet_conditions(outcome, Condition("force residual", end.residual, tolerance)),
-            report={**_crossings(self.scene.packing, packing), **judged},
+            report={**_crossings(self.scene.packing, packing, self.scene.effects), **judged},
         )
 
 
@@ -416,13 +416,13 @@ def pairs_crossing(crossings: set[tuple[int, ...]]) -> tuple[tuple[int, ...], ..
     return tuple(sorted({one[:2] for one in crossings}))
 
 
-def _crossings(start: Packing, end: Packing) -> dict[str, Any]:
+def _crossings(start: Packing, end: Packing, effects: tuple[Any, ...]) -> dict[str, Any]:
     """Return which links cross at the end, and which of them did not at the start; of rigid bodies, deep overlaps.
 
     Links in two dimensions only.
     """
     if not end.links or end.dimension != 2:
-        return report_of_bodies(end)
+        return report_of_bodies(end, effects)
     # the lists stand in one order, and images are those of the positions as they are in both
     before, after = find_crossings(start), find_crossings(end)
     if before is None or after is None:

@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from packmech.box import Box
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import Walls, bonds_of, contact_terms
+from packmech.effects import Walls, acting_contacts, bonds_of, contact_terms
 from packmech.links import number_by_first
 from packmech.measure.stress import tension_of
 from packmech.packing import Packing
@@ -99,7 +99,7 @@ def draw_packing(packing: Packing, effects: tuple[Any, ...] = ()) -> Drawing:
     ((2, 2, 2), [1])
     """
     inside = packing.wrapped()
-    contacts = touching_pairs(inside)
+    contacts = acting_contacts(touching_pairs(inside), effects)
     force_c = _relative_force(contacts, effects)
     segments, pair_s = pair_lines(inside.position_nd, contacts.i_c, contacts.j_c, contacts.image_cd, contacts.vector_cd)
     copy_center, copy_of = _copies(inside)

@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import finite_array, instance, integer
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import bonds_of
+from packmech.effects import acts, bonds_of
 from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import device, kernel
-from packmech.links import named_rows
 from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.view import drawing
@@ -164,11 +163,8 @@ def drawn_contacts(
         force = np.abs(finite_array("force_c", force_c, shape=(len(contacts),), what="contact"))
     else:
         force = contact_forces(contacts, effects)
-    bonds, apart = bonds_of(effects), np.ones(len(contacts), dtype=bool)
-    if bonds is not None:
-        named = (contacts.i_c, contacts.j_c, contacts.image_cd)
-        apart = named_rows((bonds.i_b, bonds.j_b, bonds.image_bd), named) < 0
-    return DrawnContacts(contacts.select(apart), force[apart], sliding[apart])
+    acting = acts(contacts, effects)
+    return DrawnContacts(contacts.select(acting), force[acting], sliding[acting])
 
 
 def contact_forces(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from packmech.check import BoxStrain, function, instance, integer, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
-from packmech.effects import acts_on_single, friction_of
+from packmech.effects import Friction, acting_contacts, acting_friction, acts_on_single, friction_of
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in
+from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in, resting_forces
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
@@ -62,6 +62,8 @@ _WITH_FRICTION = {
 }
 # largest net force over the mean contact force of what is at rest, where no verdict knows better [1]
 _AT_REST = 1e-5
+# counts that friction makes others
+_OF_SMOOTH_CONTACTS = ("floppy_modes", "states_of_self_stress", "rank_certain")
 # overlap over the contact distance beyond which laws of contacts are out of place [1]
 _DEEP = 0.5
 # how many different sizes are listed, each with its count
@@ -229,9 +231,14 @@ def examine(
     one_of("strain", strain, ("isotropic", "free"))
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
+    rough = acting_friction(scene.effects) is not None
+    if not rough:
+        # one of coefficient 0 is none
+        scene = scene.without(Friction)
     report = Report(scene, _counts(scene, strain), run=run)
-    rough = friction_of(scene.effects) is not None
-    if rough:
+    if rough and not verdict:
+        report.missing |= {"modes": _WITH_FRICTION["modes"]} if modes else {}
+    elif rough:
         report.missing |= _WITH_FRICTION if modes else {"verdict": _WITH_FRICTION["verdict"]}
     elif verdict and scene.packing.shapes.has_orientations:
         with _part(report, "quartic modes", progress):
@@ -248,6 +255,8 @@ def examine(
     if modes and not rough:
         with _part(report, "modes", progress):
             _modes(report, modes)
+    if report.numbers.get("at_rest") is None:
+        report.numbers["at_rest"] = resting_forces(scene).balances_to(_AT_REST)
     for figure in REPORT_FIGURES.values():
         try:
             found = figure.function(scene)
@@ -294,6 +303,8 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     packing, unit = scene.packing, scene.pressure_unit
     counted = (_counts_of_shapes if packing.shapes.has_orientations else _counts_of_discs)(scene, strain)
     bears = counted.pop("bears", True)
+    if friction_of(scene.effects) is not None:
+        counted = _counts_with_friction(scene, counted)
     largest, mean = force_balance(scene) if bears else (0.0, 0.0)
     return {
         "particles": packing.particles,
@@ -326,15 +337,9 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     linked = _links(packing, rattler_n)
     # weights and walls need no count of contacts to balance
     acting = acts_on_single(scene.effects)
-    contacts = find_contacts(packing)
+    contacts = acting_contacts(find_contacts(packing), scene.effects)
     backbone = packing.particles - int(rattler_n.sum())
     isostatic: int | None = isostatic_contacts(backbone, packing.dimension, strain, linked.get("backbone_links", 0))
-    at_limit: dict[str, Any] = {}
-    if friction_of(scene.effects) is not None:
-        rough = contact_forces(scene)
-        isostatic = math.ceil(0.5 * backbone * rough.isostatic_coordination)
-        named = ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
-        at_limit = {name: rough.to_dict()[name] for name in named}
     overlap_c = -contacts.gap_c / contacts.contact_distance_c
     return {
         "bears": _carries_force(packing, contacts),
@@ -344,7 +349,21 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "isostatic_contacts": None if acting else isostatic,
         **({"wall_contacts": len(wall_contacts(scene))} if acting else {}),
         **linked,
-        **at_limit,
+    }
+
+
+def _counts_with_friction(scene: Scene, smooth: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the counts with what friction holds in place of those of smooth contacts."""
+    found = contact_forces(scene)
+    kept = ~found.rattlers_n
+    counted = {name: value for name, value in smooth.items() if name not in _OF_SMOOTH_CONTACTS}
+    if counted["isostatic_contacts"] is not None:
+        counted["isostatic_contacts"] = math.ceil(0.5 * int(kept.sum()) * found.isostatic_coordination)
+    numbers, named = found.to_dict(), ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
+    return counted | {
+        "rattlers": int((~kept).sum()),
+        "contacts": len(found.contacts.among(kept)),
+        **{name: numbers[name] for name in named},
     }
 
 
@@ -525,9 +544,7 @@ def _moves(numbers: Mapping[str, Any]) -> bool:
     """Whether a packing that was given, not made by a run, is out of balance."""
     if "outcome" in numbers or numbers["force_residual"] is None:
         return False
-    if numbers.get("at_rest") is not None:
-        return not numbers["at_rest"]
-    return bool(numbers["force_residual"] > _AT_REST)
+    return not numbers["at_rest"]
 
 
 def _sizes_row(numbers: Mapping[str, Any]) -> list[Row]:
@@ -537,7 +554,7 @@ def _sizes_row(numbers: Mapping[str, Any]) -> list[Row]:
     words, note = ", ".join(f"{count} of {size:.6g}" for size, count in numbers["diameters"]), "particles of a diameter"
     if not words:
         words, note = f"{numbers['diameter_min']:.4g} to {numbers['diameter_max']:.4g}", "diameters"
-    return [("sizes", words, f"{note}, in the scene's unit of length; sizes under [packing] sets them")]
+    return [("sizes", words, f"{note} [length]")]
 
 
 def _deep_row(numbers: Mapping[str, Any]) -> list[Row]:

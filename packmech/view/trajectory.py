@@ -16,7 +16,7 @@ from packmech.contacts import pair_contacts
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
-from packmech.effects import bonds_of
+from packmech.effects import acting_contacts, bonds_of
 from packmech.files.snapshot import ContactData, Snapshot
 from packmech.links import image_offsets
 from packmech.measure.contact_forces import force_balance, rattlers_in
@@ -123,7 +123,7 @@ def trajectory_of_packing(subject: Packing | Scene) -> Trajectory:
     packing = subject.packing
     values = {"energy": energy(subject), "pressure": pressure(subject), "max force": force_balance(subject)[0]}
     curves = {f"log10 {name}": _point(np.log10(value)) for name, value in values.items() if value > 0.0}
-    curves["contacts"] = _point(len(touching_pairs(packing)))
+    curves["contacts"] = _point(len(acting_contacts(touching_pairs(packing), subject.effects)))
     return Trajectory((PackingFrame(0, 0.0, packing),), subject.effects, curves)
 
 
@@ -394,7 +394,7 @@ def trace_of(scene: Scene, step_t: Sequence[int], packing_t: Sequence[Packing]) 
             "step": step,
             "energy": energy(one),
             "pressure": pressure(one),
-            "contacts": len(touching_pairs(one.packing)),
+            "contacts": len(acting_contacts(touching_pairs(one.packing), one.effects)),
             "max_force": force_balance(one)[0],
             **measure_added(partial(State, one.packing, one.effects, step)),
         }

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.view.drawing import draw_packing
+from packmech.view.report import examine
 
 STIFFNESS = 2.0
 
@@ -97,5 +99,9 @@ def test_two_that_are_held_do_not_push_each_other_however_they_overlap(d):
     assert pm.stress_tensor(scene)[0, 0] == pytest.approx(-2 * 0.1 * 0.9 / packing.box.volume)
     run = pm.simulate(scene, steps=1, dt=1e-6, trace_every=1)
     assert run.trace.contacts_t[0] == 2 and run.trace.energy_t[0] == pytest.approx(0.01)
-    at_rest = pm.quench(scene, force_tolerance=1e-9)
-    assert at_rest.outcome is pm.Outcome.UNJAMMED and at_rest.packing.position_nd[:2] == pytest.approx(place[:2])
+    for method in (None, pm.Newton()):
+        at_rest = pm.quench(scene, force_tolerance=1e-9, method=method)
+        assert at_rest.outcome is pm.Outcome.UNJAMMED and at_rest.packing.position_nd[:2] == pytest.approx(place[:2])
+    # what is printed and drawn
+    assert examine(scene, modes=0).numbers["largest_overlap"] == pytest.approx(0.1)
+    assert draw_packing(packing, scene.effects).force_s == pytest.approx([1.0, 1.0])

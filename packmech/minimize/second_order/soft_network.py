@@ -232,7 +232,12 @@ class SoftNetwork:
         shapes = packing.shapes
         # beads move by more than turns, measured in radii of gyration
         arm = float((shapes.sweep(packing.radius_n) / shapes.gyration(packing.radius_n)).max())
-        return search_pairs(packing, 1.0 + self.reach, 2.0 * self.reach * arm)
+        found = search_pairs(packing, 1.0 + self.reach, 2.0 * self.reach * arm)
+        if self.held_n is None:
+            return found
+        held_b = self.held_n[shapes.particle_b]
+        kept = ~(held_b[found.i_c] & held_b[found.j_c])
+        return Candidates(*(column[kept] for column in found))
 
     def near(self, packing: Packing) -> Any:
         """Return the pairs of the list, touching or not, as they are in a packing."""
