@@ -21,6 +21,7 @@ from packmech.ensemble.row import write_row as write_workflow
 from packmech.ensemble.run import resume_ensemble, run_ensemble
 from packmech.ensemble.statistics import fit_power_law, group_statistics, varied_parameters
 from packmech.ensemble.table import Ensemble, read_ensemble
+from packmech.files.packings import is_packing_file
 from packmech.files.tables import write_table
 from packmech.scenes.recipes import is_random
 from packmech.scenes.scene_file import read_scene_tables
@@ -107,6 +108,11 @@ def run_members(
         write row's workflow.toml and the folders of all members; run nothing
 
     """
+    if is_packing_file(job):
+        raise ValueError(
+            f"job must be a scene or file.py:function, got the packing {job!r}: packmech new my.toml --packing {job} "
+            "makes a scene of it"
+        )
     asked = _grid(seeds, grid)
     # a function draws from what it is given
     same = same_starts or (":" not in job and len(asked.get("seed", ())) < 2)

@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 
 from packmech.check import BoxStrain, clear_errors, instance, one_of, positive
-from packmech.effects import law_of
 from packmech.honors import declare
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -15,7 +14,7 @@ from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.method import JamMethod, held_columns
 from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
-from packmech.protocols.protocol import Protocol, is_jammed, report_start
+from packmech.protocols.protocol import Protocol, check_reachable, is_jammed, report_start
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.status import Progress
@@ -27,8 +26,6 @@ _HONORED = declare(
 )  # fmt: skip
 # where a method that does not know both strains works, in words
 _WHERE = {"isotropic": "in a box of fixed shape", "free": "with free strains"}
-# times the pressure at overlaps of half the contact distance, beyond which none is asked for [1]
-_BEYOND = 1000.0
 # the first of these that suits a scene is taken where none is named
 _DEFAULTS: tuple[JamMethod, ...] = (HardVertex(), Decompression(), Press())
 
@@ -178,7 +175,7 @@ def jam(
     at_pressure = method.ends_at == "a pressure"
     if not at_pressure and pressure is not None:
         raise ValueError(f"pressure must be left out for {name}, which ends at {method.ends_at}, got {pressure!r}")
-    _check_reachable(scene, goal)
+    check_reachable(scene, "pressure", goal)
     began = time.process_time()
     protocol = Protocol(scene, strain, tolerance, loop)
 
@@ -196,18 +193,3 @@ def jam(
 
 
 __all__ = ["Decompression", "HardVertex", "JamMethod", "Press", "ProgramChain", "StepHalving"]
-
-
-def _check_reachable(scene: Scene, pressure: float) -> None:
-    """Refuse a pressure under which particles would lie on each other by the dozen, and no end is ever reached."""
-    law = law_of(scene.effects)
-    if law is None:
-        return
-    sigma, d = scene.packing.reference_diameter, scene.packing.dimension
-    # 2 d contacts of half the contact distance each, as many particles as the volume holds then
-    half = -float(law.first(0.5 * sigma, sigma)) * 0.5 * sigma * 2.0**d / scene.energy_scale
-    if 0.0 < _BEYOND * half < pressure:
-        raise ValueError(
-            f"pressure must be at most {_BEYOND * half:.3g} under {law}, {_BEYOND:g} times what overlaps of half the "
-            f"contact distance bear, got {pressure:g}: such particles lie on each other, and no law of contacts holds"
-        )

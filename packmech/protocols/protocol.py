@@ -19,7 +19,7 @@ from packmech.contacts import Contacts
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import refuse_unknown_to_shapes
+from packmech.effects import law_of, refuse_unknown_to_shapes
 from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
@@ -52,6 +52,8 @@ _ROUNDING = 1e-11
 BORNE_BY_RATTLERS = 1e-2
 # outcomes after which a series of runs does not go on
 _LAST = (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT)
+# times the pressure at overlaps of half the contact distance, beyond which none is asked for [1]
+_BEYOND = 1000.0
 T = TypeVar("T")
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 PRESSED = 1e-6
@@ -659,3 +661,18 @@ def follow_series(
 
     with single_thread():
         return in_turn(goals.tolist(), run)
+
+
+def check_reachable(scene: Scene, name: str, pressure: float) -> None:
+    """Refuse a pressure under which particles would lie on each other by the dozen, and no end is ever reached."""
+    law = law_of(scene.effects)
+    if law is None:
+        return
+    sigma, d = scene.packing.reference_diameter, scene.packing.dimension
+    # 2 d contacts of half the contact distance each, as many particles as the volume holds then
+    half = -float(law.first(0.5 * sigma, sigma)) * 0.5 * sigma * 2.0**d / scene.energy_scale
+    if 0.0 < _BEYOND * half < pressure:
+        raise ValueError(
+            f"{name} must be at most {_BEYOND * half:.3g} under {law}, {_BEYOND:g} times what overlaps of half the "
+            f"contact distance bear, got {pressure:g}: such particles lie on each other, and no law of contacts holds"
+        )

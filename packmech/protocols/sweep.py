@@ -14,7 +14,7 @@ from packmech.measure.stress import stress_tensor
 from packmech.minimize.second_order.soft_network import Load
 from packmech.packing import no_own_images
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, check_jammed, follow_series, sequence
+from packmech.protocols.protocol import Protocol, check_jammed, check_reachable, follow_series, sequence
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.status import Progress
@@ -88,6 +88,7 @@ def sweep_pressure(
     instance("scene", scene, Scene)
     no_own_images("scene.packing", scene.packing)
     goals = sequence("pressures", pressures, "pressure")
+    check_reachable(scene, "pressures", max(goals))
     one_of("strain", strain, ("isotropic", "free"))
     tolerance = positive("force_tolerance", force_tolerance)
     check_jammed(scene)
