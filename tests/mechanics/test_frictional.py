@@ -185,7 +185,7 @@ def test_moduli_with_friction_say_what_contacts_at_the_limit_do():
     for choice, said in (("stick", "stick"), ("slip", "slip"), ([[0.0, 1.0], [1.0, 0.0]], "strain")):
         moduli = pm.elastic_moduli(rough, contacts_at_limit=choice)
         assert moduli.at_limit_motion == said and len(moduli.at_limit_k)
-        assert f"{len(moduli.at_limit_k)} at the Coulomb limit: '{said}'" in repr(moduli)
+        assert f"{len(moduli.at_limit_k)} contacts at the Coulomb limit: {said}" in repr(moduli)
     smooth = rough.replace(packing=rough.packing.replace(tangential=None)).without(pm.Friction)
     assert pm.elastic_moduli(smooth, rattlers="keep").at_limit_motion == ""
 
