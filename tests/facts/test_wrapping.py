@@ -75,6 +75,7 @@ def test_energy_and_forces_are_the_same_at_any_image(kind):
     assert other.packing.link_error < 1e-12
 
 
+@pytest.mark.filterwarnings("ignore:scene should be at rest")  # bodies as they were drawn
 @pytest.mark.parametrize("kind", ["bodies", "links in space", "walls"])
 def test_vibrations_are_the_same_at_any_image(kind):
     square = [

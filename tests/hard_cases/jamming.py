@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -67,7 +68,10 @@ def _hanger_found() -> float:
 
 def _hanger_moduli() -> float:
     packing, _ = _with_hanger()
-    with_it = pm.elastic_moduli(pm.Scene(packing, HARMONIC)).cauchy
+    with warnings.catch_warnings():
+        # that the one that hangs is pushed is the case
+        warnings.filterwarnings("ignore", "scene should be at rest")
+        with_it = pm.elastic_moduli(pm.Scene(packing, HARMONIC)).cauchy
     without = pm.elastic_moduli(pm.Scene(_jammed().packing, HARMONIC)).cauchy
     return float(np.abs(with_it - without).max() / np.abs(without).max())
 
