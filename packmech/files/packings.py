@@ -250,8 +250,8 @@ class FrameError(IndexError, ValueError):
 def warn_of(where: Path | str, left_out: Sequence[str], *, keeps: str = "") -> None:
     """List in a warning what was left out of a file, or of another program's object, and what keeps it."""
     if left_out:
-        more = f" ({keeps})" if keeps else ""
-        warn(f"{where}: left out, as a packing has no place for them: {'; '.join(left_out)}{more}")
+        packing = f"a packing ({keeps})" if keeps else "a packing"
+        warn(f"{where}: left out, as {packing} has no place for them: {'; '.join(left_out)}")
 
 
 @shown_as("writing")

@@ -493,7 +493,7 @@ def test_types_that_are_not_numbered_by_size_are_named_and_kept_by_a_snapshot(tm
     square = pm.lattice_packing("square", repeats=(2, 1)).replace(radius_n=[0.5, 0.4])
     mine, again = tmp_path / "mine.dump", tmp_path / "again.dump"
     pm.write_packing(pm.Snapshot(square, {"type": [1, 2]}), mine)
-    with pytest.warns(UserWarning, match=r"has no place for them: fields type \(pm.read_trajectory keeps .*\)$"):
+    with pytest.warns(UserWarning, match=r"\(pm.read_trajectory keeps .*\) has no place for them: fields type$"):
         assert pm.read_packing(mine) == square
     pm.write_packing(pm.read_trajectory(mine)[-1], again)
     assert pm.read_trajectory(again)[0].fields["type"].tolist() == [1, 2]
