@@ -72,6 +72,7 @@ def __getattr__(name: str) -> Any:
     found = importlib.import_module(module)
     value = getattr(found, name, None) or importlib.import_module(f"{module}.{name}")
     if isinstance(value, type):
+        # numpy, which checks need, is not loaded before a name is asked for
         from packmech.check import clear_fields
 
         clear_fields(value)

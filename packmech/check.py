@@ -235,14 +235,11 @@ def instance(name: str, value: Any, kind: type, article: str = "a") -> None:
 
     """
     if not isinstance(value, kind):
-        # both have their names from rooms above
-        way = ": pm.Scene(packing, effects=(pm.Repulsion(),)) makes one of it" if _is_bare(value, kind) else ""
-        raise TypeError(f"{name} must be {article} {kind.__name__}, got {brief(value)}{way}")
-
-
-def _is_bare(value: Any, kind: type) -> bool:
-    """Return whether a packing was given where a scene is asked for."""
-    return kind.__name__ == "Scene" and type(value).__name__ == "Packing"
+        # a class may say what makes one of another
+        way = getattr(kind, "MADE_OF", {}).get(type(value).__name__)
+        raise TypeError(
+            f"{name} must be {article} {kind.__name__}, got {brief(value)}{f': {way} makes one of it' if way else ''}"
+        )
 
 
 def function(name: str, value: Any) -> None:

@@ -566,6 +566,8 @@ class Scene:
 
     """
 
+    MADE_OF: ClassVar[dict[str, str]] = {"Packing": "pm.Scene(packing, effects=(pm.Repulsion(),))"}
+
     packing: Packing
     effects: tuple[Any, ...]
     drive: Any = None

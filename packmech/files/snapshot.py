@@ -210,6 +210,6 @@ def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
 
 
 def types_of_sizes(radius_n: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the types of particles that nobody named, from 1 for the smallest; all 1 where there are many sizes."""
+    """Return types of particles by their sizes, from 1 for the smallest; all 1 where there are many sizes."""
     sizes, type_n = np.unique(radius_n, return_inverse=True)
     return np.asarray(type_n + 1 if len(sizes) <= DISCRETE_SIZES else np.ones_like(type_n))

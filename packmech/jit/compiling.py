@@ -18,7 +18,7 @@ from packmech.status import is_read
 _OBJECTS_BETWEEN_COLLECTIONS = 100_000
 # a shorter wait is not worth a line [s]
 _PATIENCE = 0.5
-# nor one of this length where nobody reads along, as in a batch job [s]
+# nor one of this length where no terminal shows it, as in a batch job [s]
 _UNREAD = 10.0
 
 
