@@ -19,8 +19,6 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.jit.compiled import kernel
-
 if TYPE_CHECKING:
     import scipy.sparse as sp
 
@@ -136,23 +134,10 @@ def elements_of(pairs: PairGeometry, first_c: NDArray[np.float64], second_c: NDA
     """
     check_centers(pairs, first_c)
     slope = np.ascontiguousarray(pairs.slope_cx)
-    curvature = pairs.curvature_cxx if first_c.any() else np.zeros((0, 0, 0))
-    stiffness = _stiffness(first_c, second_c, slope, np.ascontiguousarray(curvature))
+    stiffness = second_c[:, None, None] * (slope[:, :, None] * slope[:, None, :])
+    if first_c.any():
+        stiffness += first_c[:, None, None] * pairs.curvature_cxx
     return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, first_c[:, None] * slope, stiffness)
-
-
-@kernel
-def _stiffness(first, second, slope, curvature):  # type: ignore[no-untyped-def]
-    """Return u'' slope slope^T + u' curvature of each contact, the latter where there are curvatures."""
-    count, x = slope.shape
-    out = np.empty((count, x, x))
-    for c in range(count):
-        for a in range(x):
-            for b in range(x):
-                out[c, a, b] = second[c] * (slope[c, a] * slope[c, b])
-                if curvature.shape[0]:
-                    out[c, a, b] += first[c] * curvature[c, a, b]
-    return out
 
 
 def check_centers(pairs: PairGeometry, first_c: NDArray[np.float64]) -> None:
@@ -246,30 +231,15 @@ def pair_rows(
 
     ends = end_slopes(i_c, j_c, slope_cx, turn_nkt, dimension)
     size = len(turn_nkt) * ends.shape[2]
-    i_c, j_c = (np.require(one, requirements="W") for one in (i_c, j_c))
-    matrix = sp.csr_array(_pair_rows(i_c, j_c, ends), shape=(len(i_c), size))
+    # a particle keeps its distance to its own image when it moves; it turns with it
+    own = i_c == j_c
+    ends[0, own] += ends[1, own]
+    ends[1, own] = 0.0
+    q = ends.shape[2]
+    data = np.concatenate([ends[0], ends[1]], axis=1)
+    column = np.concatenate([i_c[:, None] * q + np.arange(q), j_c[:, None] * q + np.arange(q)], axis=1)
+    kept = data != 0.0
+    start = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
+    matrix = sp.csr_array((data[kept], column[kept], start), shape=(len(i_c), size))
     matrix.has_canonical_format = True
     return matrix
-
-
-@kernel
-def _pair_rows(i_c, j_c, ends):  # type: ignore[no-untyped-def]
-    """Return data, columns and row starts, without zeros; i <= j."""
-    count, q = ends.shape[1:]
-    data, column = np.empty(2 * q * count), np.empty(2 * q * count, np.int32)
-    start = np.empty(count + 1, np.int32)
-    at = 0
-    for c in range(count):
-        start[c] = at
-        own = i_c[c] == j_c[c]
-        for end in range(1 if own else 2):
-            n = i_c[c] if end == 0 else j_c[c]
-            for a in range(q):
-                # a particle keeps its distance to its own image when it moves; it turns with it
-                value = ends[0, c, a] + ends[1, c, a] if own else ends[end, c, a]
-                if value != 0.0:
-                    data[at] = value
-                    column[at] = n * q + a
-                    at += 1
-    start[count] = at
-    return data[:at], column[:at], start

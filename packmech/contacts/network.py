@@ -101,19 +101,6 @@ def candidate_pairs(
     return Candidates(i_c, j_c, np.ascontiguousarray(image_cd))
 
 
-@kernel
-def _curvatures(normal, distance):  # type: ignore[no-untyped-def]
-    """Return (1 - n n) / r of each pair, zero where centers coincide."""
-    count, d = normal.shape
-    out = np.zeros((count, d, d))
-    for c in range(count):
-        if distance[c] > 0.0:
-            for a in range(d):
-                for b in range(d):
-                    out[c, a, b] = ((1.0 if a == b else 0.0) - normal[c, a] * normal[c, b]) / distance[c]
-    return out
-
-
 @shown(lambda one: f"{len(one)} contacts of {one.particles} particles")
 @dataclass(frozen=True, eq=False)
 class Contacts:
@@ -169,7 +156,9 @@ class Contacts:
     @property
     def curvature_cxx(self) -> NDArray[np.float64]:
         """The (C, d, d) second derivatives of the distances, (1 - n n) / r; zero where centers coincide [1/length]."""
-        return np.asarray(_curvatures(self.normal_cd, self.distance_c))
+        n, inverse = self.normal_cd, np.zeros(len(self))
+        np.divide(1.0, self.distance_c, out=inverse, where=self.distance_c > 0.0)
+        return np.asarray((np.eye(self.dimension) - n[:, :, None] * n[:, None, :]) * inverse[:, None, None])
 
     @property
     def shapes(self) -> Discs:

@@ -304,22 +304,10 @@ def _order(matrix: _Stored) -> tuple[str, ...]:
 _Found = tuple[Inertia, float, Callable[[NDArray[np.float64]], NDArray[np.float64]], _Analyzed | None]
 
 
-@kernel
-def _signs(pivot, scale):  # type: ignore[no-untyped-def]
-    """Return how many pivots are positive, negative and zero to rounding of a scale each."""
-    positive = negative = zero = 0
-    for n in range(pivot.shape[0]):
-        if scale[n] == 0.0 or abs(pivot[n]) <= ZERO_PIVOT * scale[n]:
-            zero += 1
-        elif pivot[n] > 0.0:
-            positive += 1
-        else:
-            negative += 1
-    return positive, negative, zero
-
-
 def _inertia(pivot: NDArray[np.float64], scale: NDArray[np.float64]) -> Inertia:
-    return Inertia(*_signs(pivot, scale))
+    """Return how many pivots are positive, negative and zero to rounding of a scale each."""
+    sign = np.where((scale == 0.0) | (np.abs(pivot) <= ZERO_PIVOT * scale), 0.0, np.sign(pivot))
+    return Inertia(*(int(np.count_nonzero(sign == one)) for one in (1.0, -1.0, 0.0)))
 
 
 def _growth(lower: sp.csc_matrix, pivot: NDArray[np.float64], scale: NDArray[np.float64]) -> float:

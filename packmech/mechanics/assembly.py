@@ -25,6 +25,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from packmech.contacts.elements import Elements, sum_slopes
+from packmech.contacts.network import distinct_pairs
 from packmech.jit.compiled import kernel
 from packmech.linalg.mandel import mandel_basis
 
@@ -132,101 +133,15 @@ def _scatter(  # type: ignore[no-untyped-def]
                     lower[p, a, b] += sign[1, a] * sign[0, b] * one[place[1, a], place[0, b]]
 
 
-@kernel
-def _number_pairs(i_c, j_c, particles):  # type: ignore[no-untyped-def]
+def _number_pairs(
+    i_c: NDArray[np.int64], j_c: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of different particles, each once, sorted by (i, j), and the number of each element's pair."""
-    count = i_c.shape[0]
-    start = np.zeros(particles + 1, np.int64)
-    for c in range(count):
-        if i_c[c] != j_c[c]:
-            start[i_c[c] + 1] += 1
-    for n in range(particles):
-        start[n + 1] += start[n]
-    # the elements of each particle i by j: of one kind they come in that order already
-    sorted_e, end = np.empty(start[particles], np.int64), start[:-1].copy()
-    for c in range(count):
-        i = i_c[c]
-        if i != j_c[c]:
-            k = end[i]
-            while k > start[i] and j_c[sorted_e[k - 1]] > j_c[c]:
-                sorted_e[k] = sorted_e[k - 1]
-                k -= 1
-            sorted_e[k] = c
-            end[i] += 1
-    pair_i, pair_j = np.empty_like(sorted_e), np.empty_like(sorted_e)
-    pair_c = np.full(count, -1)
-    found = 0
-    for i in range(particles):
-        for k in range(start[i], start[i + 1]):
-            c = sorted_e[k]
-            if k == start[i] or j_c[c] != pair_j[found - 1]:
-                pair_i[found], pair_j[found] = i, j_c[c]
-                found += 1
-            pair_c[c] = found - 1
-    return pair_i[:found], pair_j[:found], pair_c
-
-
-@kernel
-def _compressed(pair_i, pair_j, upper, lower, diagonal, free_f, extra_f):  # type: ignore[no-untyped-def]
-    """Return the compressed rows of the free coordinates of a matrix of blocks, its columns in order.
-
-    `lower` only where these are no transposes.
-    """
-    pairs, (count, q) = pair_i.shape[0], diagonal.shape[:2]
-    number_nq, free_n = np.full((count, q), -1), np.zeros(count, np.int64)
-    rows = 0
-    for n in range(count):
-        for a in range(q):
-            if free_f[n * q + a]:
-                number_nq[n, a] = rows
-                rows += 1
-                free_n[n] += 1
-    # the blocks of each row: pairs are sorted, so that particles below come first, in order, then itself, then others
-    start = np.zeros(count + 1, np.int64)
-    size = 0
-    for p in range(pairs):
-        start[pair_i[p] + 1] += 1
-        start[pair_j[p] + 1] += 1
-        size += 2 * free_n[pair_i[p]] * free_n[pair_j[p]]
-    for n in range(count):
-        start[n + 1] += start[n] + 1
-        size += free_n[n] ** 2
-    column_b, block_b, end = np.empty(start[count], np.int64), np.empty(start[count], np.int64), start[:-1].copy()
-    for p in range(pairs):
-        j = pair_j[p]
-        column_b[end[j]], block_b[end[j]] = pair_i[p], p
-        end[j] += 1
-    for n in range(count):
-        column_b[end[n]], block_b[end[n]] = n, n
-        end[n] += 1
-    for p in range(pairs):
-        i = pair_i[p]
-        column_b[end[i]], block_b[end[i]] = pair_j[p], p
-        end[i] += 1
-    data, index, first = np.empty(size), np.empty(size, np.int32), np.zeros(rows + 1, np.int32)
-    place = row = 0
-    for n in range(count):
-        for a in range(q):
-            if number_nq[n, a] < 0:
-                continue
-            for k in range(start[n], start[n + 1]):
-                other, block = column_b[k], block_b[k]
-                for b in range(q):
-                    if number_nq[other, b] < 0:
-                        continue
-                    if other > n:
-                        data[place] = upper[block, a, b]
-                    elif other < n:
-                        data[place] = lower[block, a, b] if lower.shape[0] else upper[block, b, a]
-                    else:
-                        data[place] = diagonal[n, a, b]
-                        if a == b:
-                            data[place] += extra_f[n * q + a]
-                    index[place] = number_nq[other, b]
-                    place += 1
-            row += 1
-            first[row] = place
-    return data, index, first
+    order = np.lexsort((j_c, i_c))
+    pair_i, pair_j, sorted_c = distinct_pairs(i_c[order], j_c[order])
+    pair_c = np.empty_like(sorted_c)
+    pair_c[order] = sorted_c
+    return pair_i, pair_j, pair_c
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,12 +192,20 @@ class Assembled:
 
     def matrix(self, free_f: NDArray[np.bool_], extra_f: NDArray[np.float64] | None = None) -> sp.csr_array:
         """Return the derivatives by the free ones of the (N q,) coordinates, with something added on the diagonal."""
-        size = int(np.count_nonzero(free_f))
-        lower = np.zeros_like(self.upper_pqq[:0]) if self.lower_pqq is None else self.lower_pqq
-        extra = np.zeros(len(free_f)) if extra_f is None else extra_f
-        blocks = self.upper_pqq, lower, self.diagonal_nqq
-        rows = _compressed(self.pair_i, self.pair_j, *blocks, np.array(free_f), extra)
-        found = sp.csr_array(rows, shape=(size, size))
+        particles, q = self.diagonal_nqq.shape[:2]
+        lower = self.upper_pqq.transpose(0, 2, 1) if self.lower_pqq is None else self.lower_pqq
+        own = np.arange(particles)
+        row, column = (
+            np.concatenate(ends) for ends in ((self.pair_j, own, self.pair_i), (self.pair_i, own, self.pair_j))
+        )
+        order = np.argsort(row * particles + column)
+        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=particles))]).astype(np.int32)
+        diagonal = self.diagonal_nqq
+        if extra_f is not None:
+            diagonal = diagonal + extra_f.reshape(particles, q, 1) * np.eye(q)
+        blocks = np.concatenate([lower, diagonal, self.upper_pqq])[order]
+        whole = sp.bsr_array((blocks, column[order].astype(np.int32), start), shape=(particles * q, particles * q)).tocsr()
+        found = whole if free_f.all() else whole[free_f][:, free_f]
         found.has_canonical_format = True
         return found
 
@@ -329,7 +252,7 @@ def assemble(
     i_c, j_c = (
         np.concatenate([np.zeros(0, np.int64), *(getattr(one, name) for one in elements)]) for name in ("i_c", "j_c")
     )
-    pair_i, pair_j, pair_c = _number_pairs(i_c, j_c, particles)
+    pair_i, pair_j, pair_c = _number_pairs(i_c, j_c)
     upper = np.zeros((len(pair_i), q, q))
     lower = np.zeros((0 if symmetric else len(pair_i), q, q))
     diagonal = np.zeros((particles, q, q))
