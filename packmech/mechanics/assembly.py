@@ -204,7 +204,8 @@ class Assembled:
         if extra_f is not None:
             diagonal = diagonal + extra_f.reshape(particles, q, 1) * np.eye(q)
         blocks = np.concatenate([lower, diagonal, self.upper_pqq])[order]
-        whole = sp.bsr_array((blocks, column[order].astype(np.int32), start), shape=(particles * q, particles * q)).tocsr()
+        rows = blocks, column[order].astype(np.int32), start
+        whole = sp.bsr_array(rows, shape=(particles * q, particles * q)).tocsr()
         found = whole if free_f.all() else whole[free_f][:, free_f]
         found.has_canonical_format = True
         return found
