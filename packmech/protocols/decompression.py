@@ -12,7 +12,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.mechanics.stability import stability
 from packmech.minimize.program import Minimizer
 from packmech.packing import Packing
-from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, jam_hard, press
+from packmech.protocols.hard_vertex import check_quench, decompress, find_hard_packing, jam_hard, press, set_apart
 from packmech.protocols.linked_jam import decompress_linked
 from packmech.protocols.method import JamMethod
 from packmech.protocols.pressure_path import PressurePath, follow_jammed
@@ -158,6 +158,8 @@ class StepHalving(JamMethod):
                     outcome = Outcome.CONVERGED
                     break
                 now = 1 if energy >= 2.0 * self.energy_tolerance else -1
+                if now < 0 and first.plain:
+                    protocol.report["unjammed_packing"] = set_apart(packing)
                 if side and now != side:
                     change *= 0.5
                 side = now

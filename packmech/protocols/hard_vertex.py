@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import integer, positive, real
+from packmech.constraints.projection import scale_box
+from packmech.contacts.overlaps import largest_overlap
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, densify, search_hard, start_state
 from packmech.measure.counting import packing_fraction
 from packmech.minimize.second_order.soft_newton import judge
@@ -233,10 +235,18 @@ def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64
     return hard
 
 
+def set_apart(packing: Packing) -> Packing:
+    """Return the packing of discs or spheres with its box grown until no particles overlap, by no more than that."""
+    while (overlap := largest_overlap(packing)) is not None:
+        packing = scale_box(packing, (1.0 + 2.0 * np.finfo(float).eps) / (1.0 - overlap.relative))
+    return packing
+
+
 def _report_hard_packing(protocol: Protocol, hard: HardPacking) -> None:
     """Put the figures of the hard packing into the report."""
     restored = protocol.restored(hard.packing)
     protocol.last = restored
+    protocol.report["unjammed_packing"] = set_apart(restored)
     protocol.report.pop("not_certified", None)
     protocol.report.update(
         jamming_packing_fraction=packing_fraction(restored),

@@ -412,6 +412,8 @@ def finish(
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if report["contacts"] else 0
     outcome = judged(protocol, packing, outcome, residual, report, share)
+    if outcome.ok and outcome is not Outcome.UNJAMMED and "unjammed_packing" in report:
+        report["onset_between"] = packing_fraction(report["unjammed_packing"]), report["packing_fraction"]
     # a particle that its contacts do not hold must bear no force, but for what is not balanced
     allowed = max(protocol.force_tolerance, 10.0 * residual) * found.mean_force
     pressed = plain and float(np.abs(found.normal_c[loose_c]).max(initial=0.0)) > allowed

@@ -49,6 +49,7 @@ _OF_RUN = (
         "build_seconds",
         "method",
         "jamming_packing_fraction",
+        "onset_between",
         "cementing",
     ),
     *("pressure_asked", "stress_anisotropy", "gap_error", "force_imbalance", "redundant_patches"),
@@ -509,6 +510,10 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
     if "jamming_packing_fraction" in numbers:
         note = f"of the hard packing, rattlers included; protocol {numbers['method']}"
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
+    if "onset_between" in numbers:
+        low, high = numbers["onset_between"]
+        note = f"no particles overlap at the lower packing fraction, all press at the one {high - low:.1e} above"
+        rows.append(("onset between", f"{low:.10f}, {high:.10f}", note))
     rows += [
         *_sizes_row(numbers),
         ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),

@@ -90,6 +90,27 @@ def test_no_pair_of_the_hard_packing_overlaps_and_all_its_contacts_touch(fixed):
 
 
 @pytest.mark.parametrize("strain", ["isotropic", "free"])
+def test_both_sides_of_the_onset_are_held(strain, fixed, free):
+    run = fixed if strain == "isotropic" else free
+    apart, (low, high) = run.report["unjammed_packing"], run.report["onset_between"]
+    assert len(pm.find_contacts(apart)) == 0
+    assert (low, high) == (pm.packing_fraction(apart), pm.packing_fraction(run.packing))
+    onset = run.report["jamming_packing_fraction"]
+    assert onset - 1e-12 < low <= onset < high
+    # the pressure of the packing is the bulk modulus times the way from the onset: the bracket is as wide as that
+    modulus = pm.elastic_moduli(start().replace(packing=run.packing)).bulk_modulus
+    assert np.log(high / low) * modulus == pytest.approx(pm.pressure(start().replace(packing=run.packing)), rel=0.05)
+
+
+def test_step_halving_holds_the_last_packing_that_did_not_press():
+    run = pm.jam(start(), strain="isotropic", method=pm.StepHalving(increment=1e-3, energy_tolerance=1e-12))
+    apart, (low, high) = run.report["unjammed_packing"], run.report["onset_between"]
+    assert len(pm.find_contacts(apart)) == 0
+    assert low == pm.packing_fraction(apart)
+    assert 0.0 < high - low < 1e-3
+
+
+@pytest.mark.parametrize("strain", ["isotropic", "free"])
 def test_no_linear_program_makes_the_hard_packing_denser(strain, fixed, free):
     """HiGHS' simplex method as judge: over all small motions that keep pairs apart, none shrinks the box."""
     hard = (fixed if strain == "isotropic" else free).report["hard_packing"]
