@@ -88,11 +88,13 @@ from packmech.effects import ExponentialTension as ExponentialTension
 # what a scene file's drive says
 from packmech.scene import JamDrive as JamDrive
 from packmech.scene import QuenchDrive as QuenchDrive
+from packmech.scene import SettleDrive as SettleDrive
 from packmech.scene import ShearStabilizeDrive as ShearStabilizeDrive
 from packmech.scene import CementDrive as CementDrive
 from packmech.scene import SimulateDrive as SimulateDrive
 from packmech.scene import OscillatoryShearDrive as OscillatoryShearDrive
 from packmech.scene import SteadyShearDrive as SteadyShearDrive
+from packmech.scene import ShearAtPressureDrive as ShearAtPressureDrive
 from packmech.scene import RampStrainDrive as RampStrainDrive
 from packmech.scene import CreepDrive as CreepDrive
 

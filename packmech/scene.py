@@ -320,6 +320,25 @@ class JamDrive:
         return self.strain
 
 
+@_built_in("packmech.protocols.drives:SETTLE")
+@dataclass(frozen=True)
+class SettleDrive:
+    """Let the scene come to rest with friction, in time and in the box as it is: a pile under gravity on held grains.
+
+    Parameters
+    ----------
+    force_tolerance
+        What pm.settle takes [1].
+
+    """
+
+    force_tolerance: float = 1e-6
+    examined_strain: ClassVar[str] = "isotropic"
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+
+
 @_built_in("packmech.protocols.drives:SHEAR_STABILIZE")
 @dataclass(frozen=True)
 class ShearStabilizeDrive:
@@ -442,6 +461,32 @@ class SteadyShearDrive:
 
     def __post_init__(self) -> None:
         _check_fields(self)
+        real("drive.skip_strain", self.skip_strain, at_least=0.0, below=self.applied_strain)
+
+
+@_built_in("packmech.rheology.drives:SHEAR_AT_PRESSURE")
+@dataclass(frozen=True)
+class ShearAtPressureDrive:
+    """Shear the scene steadily in a box whose volume follows the pressure: mu(I), the packing fraction phi(I).
+
+    Parameters
+    ----------
+    rate, pressure, applied_strain, skip_strain, blocks, axes, dt
+        What pm.shear_at_pressure takes.
+
+    """
+
+    rate: float
+    pressure: float
+    applied_strain: float = 5.0
+    skip_strain: float = 1.0
+    blocks: int = 8
+    axes: tuple[int, int] = (0, 1)
+    dt: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
+        positive("drive.rate", self.rate)
         real("drive.skip_strain", self.skip_strain, at_least=0.0, below=self.applied_strain)
 
 

@@ -1,4 +1,4 @@
-"""What the drives that end at rest do: quench, jam, shear-stabilize, cement."""
+"""What the drives that end at rest do: quench, jam, settle, shear-stabilize, cement."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from packmech.minimize.quench import quench
 from packmech.protocols.cement import AVERAGES, MODULI, cement
 from packmech.protocols.jam import jam
 from packmech.protocols.method import registered_methods
+from packmech.protocols.settle import settle
 from packmech.protocols.shearing.shear_stabilize import shear_stabilize
 from packmech.result import Run
-from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, ShearStabilizeDrive
+from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, SettleDrive, ShearStabilizeDrive
 from packmech.status import Progress
 
 
@@ -40,6 +41,10 @@ def _shear_stabilize(drive: ShearStabilizeDrive, scene: Scene, *, progress: Prog
     return shear_stabilize(
         scene, pressure=drive.pressure, force_tolerance=drive.force_tolerance, progress=progress, check=False
     )
+
+
+def _settle(drive: SettleDrive, scene: Scene, *, progress: Progress) -> Run:
+    return settle(scene, force_tolerance=drive.force_tolerance, progress=progress, check=False)
 
 
 def _cement(drive: CementDrive, scene: Scene, *, progress: Progress) -> Run:
@@ -80,5 +85,6 @@ def _cement(drive: CementDrive, scene: Scene, *, progress: Progress) -> Run:
 
 QUENCH = DriveCode(_quench, {"method": registered_minimizers})
 JAM = DriveCode(_jam, {"method": registered_methods, "minimizer": registered_minimizers})
+SETTLE = DriveCode(_settle)
 SHEAR_STABILIZE = DriveCode(_shear_stabilize)
 CEMENT = DriveCode(_cement)

@@ -1,4 +1,4 @@
-"""What the drives that follow Newton's equations do: simulate, and strain in one of four ways."""
+"""What the drives that follow Newton's equations do: simulate, and strain in one of five ways."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from packmech.dynamics.simulate import simulate, simulate_from
 from packmech.dynamics.simulation import Simulation
 from packmech.loop.checkpoint import RunsFile
 from packmech.rheology.arguments import runs_file
+from packmech.rheology.at_pressure import PressureShear, shear_at_pressure
 from packmech.rheology.equilibrate import equilibrate
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.rheology.steady import FlowCurve, creep, ramp_strain, steady_shear
 from packmech.rheology.strain_run import StrainRun
 from packmech.rheology.walls import rough_plates
-from packmech.scene import DriveCode, OscillatoryShearDrive, Scene, SimulateDrive
+from packmech.scene import DriveCode, OscillatoryShearDrive, Scene, ShearAtPressureDrive, SimulateDrive
 from packmech.status import Progress
 
 # arguments of oscillatory shear that the periods at rest before it take, too
@@ -139,9 +140,15 @@ def _strained(call: Callable[..., Any]) -> Callable[..., Any]:
     return follow_it
 
 
+def _shear_at_pressure(drive: ShearAtPressureDrive, scene: Scene, *, progress: Progress) -> PressureShear:
+    named = {field.name: getattr(drive, field.name) for field in fields(drive)}
+    return shear_at_pressure(scene, **named, progress=progress, check=False)
+
+
 _METHODS = {"method": lambda: INTEGRATORS}
 SIMULATE = DriveCode(follow, _METHODS)
 OSCILLATORY_SHEAR = DriveCode(_oscillatory_shear, _METHODS)
 STEADY_SHEAR = DriveCode(_strained(steady_shear), _METHODS)
+SHEAR_AT_PRESSURE = DriveCode(_shear_at_pressure)
 RAMP_STRAIN = DriveCode(_strained(ramp_strain), _METHODS)
 CREEP = DriveCode(_strained(creep), _METHODS)

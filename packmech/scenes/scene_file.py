@@ -25,8 +25,9 @@ A scene file looks like this; `kind` names a class of the package in lower case 
 The other drives are `kind = "quench"`, with a `force_tolerance` and a `method` such as "conjugate-gradient", and
 `kind = "shear-stabilize"`, with a `force_tolerance` and a `pressure` (the volume is held if it is not given), and
 `kind = "cement"`, with a `pressure`, the number of random `orders`, their `seed`, and `step` and `freeze` of pm.cement,
-and `kind = "oscillatory-shear"`, `"steady-shear"`, `"ramp-strain"` and `"creep"`, with the arguments of
-`pm.oscillatory_shear`, `pm.steady_shear`, `pm.ramp_strain` and `pm.creep`; `kind = "simulate"` follows Newton's
+and `kind = "oscillatory-shear"`, `"steady-shear"`, `"shear-at-pressure"`, `"ramp-strain"` and `"creep"`, with the
+arguments of `pm.oscillatory_shear`, `pm.steady_shear`, `pm.shear_at_pressure`, `pm.ramp_strain` and `pm.creep`;
+`kind = "settle"` brings a scene with friction to rest, with a `force_tolerance`; `kind = "simulate"` follows Newton's
 equations for so many `steps` (or a `duration`), from `velocities` and `spins` one row a particle, with the numbers of
 the particles that are `held`. Oscillatory shear may have rough `plates`, the layer of `pm.rough_plates`.
 The other packings: `lattice` takes the arguments of `pm.lattice_packing`, `clusters` those of `pm.cluster_packing` and
