@@ -105,11 +105,11 @@ def _limit(name: str, value: Any) -> float | tuple[float, ...] | None:
     if value is None:
         return None
     several = isinstance(value, Iterable) and not isinstance(value, str | bytes)
-    given = np.asarray(value).ravel().tolist() if several else [value]
     if several and np.ndim(value) != 1:
         raise ValueError(f"{name} must be a number or one for each bond, got shape {np.shape(value)}")
+    given = (value.tolist() if isinstance(value, np.ndarray) else list(value)) if several else [value]
     for one in given:
-        if isinstance(one, bool) or not isinstance(one, int | float):
+        if isinstance(one, bool) or not isinstance(one, int | float | np.integer | np.floating):
             raise TypeError(f"{name} must be a number, or one for each bond, or None, got {one!r}")
         if math.isnan(one) or one <= 0.0:
             raise ValueError(f"{name} must be positive, got {one!r}")
