@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar, cast
 
@@ -104,10 +103,9 @@ def _limit(name: str, value: Any) -> float | tuple[float, ...] | None:
     """Return a limit that was checked: a number above 0, or several; infinite ones never break a bond."""
     if value is None:
         return None
-    several = isinstance(value, Iterable) and not isinstance(value, str | bytes)
-    if several and np.ndim(value) != 1:
-        raise ValueError(f"{name} must be a number or one for each bond, got shape {np.shape(value)}")
-    given = (value.tolist() if isinstance(value, np.ndarray) else list(value)) if several else [value]
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    several = isinstance(value, list | tuple) and not hasattr(value, "_fields")
+    given = list(value) if several else [value]
     for one in given:
         if isinstance(one, bool) or not isinstance(one, int | float | np.integer | np.floating):
             raise TypeError(f"{name} must be a number, or one for each bond, or None, got {one!r}")

@@ -28,7 +28,8 @@ def scene():
         ({"squeeze": math.nan}, ValueError, "squeeze must be positive, got nan"),
         ({"stretch": "0.1"}, TypeError, "stretch must be a number, or one for each bond, or None, got '0.1'"),
         ({"stretch": [0.1, True]}, TypeError, "stretch must be a number, or one for each bond, or None, got True"),
-        ({"shear": [[0.1]]}, ValueError, r"shear must be a number or one for each bond, got shape \(1, 1\)"),
+        ({"shear": [[0.1]]}, TypeError, r"shear must be a number, or one for each bond, or None, got \[0.1\]"),
+        ({"shear": pm.Harmonic()}, TypeError, r"shear must be a number, or one for each bond, or None, got Harmonic"),
     ],
 )
 def test_limits_that_mean_nothing_are_refused(given, error, match):
