@@ -259,12 +259,16 @@ class RowWatch:
     every
         Steps from row to row.
     released
-        Energy that breaking bonds released until a time.
+        Energy that breaking bonds released until a time; none unless given.
 
     """
 
     def __init__(
-        self, scene: Scene, direction_dd: NDArray[np.float64], every: int, released: Callable[[float], float]
+        self,
+        scene: Scene,
+        direction_dd: NDArray[np.float64],
+        every: int,
+        released: Callable[[float], float] = lambda time: 0.0,
     ) -> None:
         self.released = released
         frictional = friction_of(scene.effects) is not None
