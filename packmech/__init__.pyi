@@ -71,6 +71,7 @@ from packmech.effects import Gravity as Gravity
 from packmech.effects import Walls as Walls
 from packmech.effects import FixedParticles as FixedParticles
 from packmech.effects import Bonds as Bonds
+from packmech.effects import BondLimits as BondLimits
 from packmech.effects.bonds import bond_contacts as bond_contacts
 from packmech.generate import cut_fragments as cut_fragments
 from packmech.tangential import TangentialDisplacements as TangentialDisplacements
@@ -250,6 +251,7 @@ from packmech.measure.contact_statistics import ForceDistribution as ForceDistri
 # motion in time
 from packmech.dynamics.simulate import simulate as simulate
 from packmech.dynamics.simulation import Simulation as Simulation
+from packmech.dynamics.breaking import BrokenBonds as BrokenBonds
 from packmech.dynamics.simulate import resume as resume
 from packmech.dynamics.simulation import MotionTrace as MotionTrace
 from packmech.dynamics.integrators import VelocityVerlet as VelocityVerlet

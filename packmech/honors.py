@@ -37,8 +37,11 @@ COLUMNS = {
     "held": "particles that are held: FixedParticles",
     "links": "rigid links of the packing",
     "shapes": "shapes other than discs and spheres",
+    "breaking": "bonds that break: Bonds with breaks_at",
 }
 EFFECTS = tuple(COLUMNS)[:9]
+# columns of what a packing has not by itself
+_OF_SCENES = (*EFFECTS, "breaking")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -55,6 +58,7 @@ INSTEAD = {
     "held": "pm.simulate or pm.quench or pm.settle",
     "links": "pm.simulate or pm.jam",
     "shapes": "pm.jam or pm.quench",
+    "breaking": "pm.simulate or pm.ramp_strain",
 }
 # what no call honors in one scene, and what to do instead of leaving one of them out
 _NOT_BESIDE = {
@@ -66,10 +70,13 @@ _NOT_BESIDE = {
 
 
 def columns_of(effect: Any) -> tuple[str, ...]:
-    """Return the columns of an effect: what its class says itself in `acts_as`, or else what its hooks do."""
+    """Return the columns of an effect: what its class says itself in `acts_as`, or else what its hooks do.
+
+    What acts in one column may belong to others by its numbers: `acts_also` names them.
+    """
     said = getattr(effect, "acts_as", None)
     if said is not None:
-        return (str(said),)
+        return (str(said), *getattr(effect, "acts_also", ()))
     found = []
     if hasattr(effect, "tangential_force"):
         found.append("friction")
@@ -142,7 +149,7 @@ class Honors:
         """Return what stands in this column of the table."""
         if column in self.columns:
             return HONORED
-        if self.packing_only and column in EFFECTS:
+        if self.packing_only and column in _OF_SCENES:
             return ABSENT
         return NOTHING if self.at_rest and column in ("damping", "drag") else REFUSED
 
@@ -174,8 +181,13 @@ class Honors:
         """
         for k, one in enumerate(getattr(subject, "effects", ())):
             column = next((each for each in columns_of(one) if self._refuses(one, each)), None)
+            kind = type(one).__qualname__
+            if column == "breaking":
+                raise ValueError(
+                    f"{name}.effects must hold no bonds that break for pm.{self.call}, which would break none, got "
+                    f"limits of {kind} at {k}: take them away with bonds.unbreakable(), or use {self.instead(column)}"
+                )
             if column is not None:
-                kind = type(one).__qualname__
                 remark = f" ({self.remarks[column]})" if column in self.remarks else ""
                 raise ValueError(
                     f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}{remark}: "

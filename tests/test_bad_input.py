@@ -23,7 +23,7 @@ NAN, INF = float("nan"), float("inf")
 RESULTS = {
     "Answer", "Average", "Cementing", "ConstrainedForce", "ConstraintBasis", "Contacts",
     "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "OscillatoryShear",
-    "JamMethod", "StrainRun",
+    "JamMethod", "StrainRun", "BrokenBonds",
     "AmplitudeSweep", "Condition", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "Equilibration", "MaterialConstants", "ParticleShearRun",
@@ -230,6 +230,11 @@ BAD = {
     "rest_length_b": [[NAN], [0.0], [-1.0], "l", None, [1.0, 1.0]],
     "compression": ["linear", 3, pm.LinearSpring, Toothless()],
     "tension": ["linear", 3, pm.LinearSpring, Toothless()],
+    "breaks_at": [3, 0.1, "1", pm.BondLimits, {"tension": 0.1}],
+    **{
+        f"BondLimits.{name}": [NAN, 0.0, -1.0, "1", True, [0.1, -1.0], ["1"], Toothless()]
+        for name in ("tension", "compression", "stretch", "squeeze", "shear")
+    },
     "tangential_stiffness": NOT_NEGATIVE,
     "tangential_damping": NOT_NEGATIVE,
     "rest": CHOICE,
@@ -739,6 +744,7 @@ def good(name, folder):
         "LinearCluster": {"beads": 2},
         "chain_packing": {"count": 2, "beads": 4, "dimension": 2, "packing_fraction": 0.5, "seed": 1},
         "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
+        "BondLimits": {"tension": 0.1},
         "Bonds": {"i_b": [0], "j_b": [1], "image_bd": [[0, 0]], "rest_length_b": [1.0]},
         "Spheroids": {"aspect_n": [2.0, 0.5], "director_nd": [[1.0, 0.0], [0.0, 1.0]]},
         "contact_distance": {

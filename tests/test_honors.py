@@ -1,6 +1,7 @@
 """What calls do with what a scene holds: every public call is declared, and does with each effect as it is declared."""
 
 import inspect
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -357,6 +358,25 @@ def test_bonds_change_every_call_at_rest_that_honors_them():
         one, other = (np.asarray(RESTING[call](pm.Scene(packing, given))) for given in (effects, effects[:1]))
         differs = one.shape != other.shape or np.abs(one - other).max() > 1e-9
         assert differs is not (call == "torques"), call
+
+
+def test_bonds_that_break_are_refused_where_none_would_and_change_what_honors_them():
+    lasting = pm.bond_contacts(small(), gap_tolerance=-1e-3, damping=0.3)
+    weak = replace(lasting, breaks_at=pm.BondLimits(stretch=1e-6, squeeze=1e-6))
+    scene = pm.Scene(small(), (pm.Repulsion(), weak))
+    whole = scene.replace(effects=(pm.Repulsion(), weak.unbreakable()))
+    now = {"energy", "forces", "torques", "stress_tensor", "pressure", "link_tension"}
+    in_time = {"simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "amplitude_sweep"}
+    assert {name for name in CALLS if CALLS[name].answer("breaking") == HONORED} == now | in_time
+    for name in CALLS:
+        if CALLS[name].answer("bonds") == HONORED and name not in now | in_time and name != "ShearBatch":
+            refuses(name, scene, rf"no bonds that break for pm.{name}, .*bonds.unbreakable\(\), or use pm.simulate")
+    with pytest.raises(ValueError, match="no bonds that break for pm.ShearBatch"):
+        pm.ShearBatch([scene], control="strain", dt=0.02)
+    # what is there now does not depend on what may break later
+    assert all(np.array_equal(RESTING[name](scene), RESTING[name](whole)) for name in now)
+    for name in in_time & set(MOVING):
+        assert np.abs(MOVING[name](scene) - MOVING[name](whole)).max() > 1e-9, name
 
 
 # effects on single particles have no strain of the box

@@ -35,7 +35,8 @@ class BondTable(NamedTuple):
     Bonds are sorted as pairs are: start_s holds the first of each section, those within a block of rows and the cell
     and the special ones of each block in turn; slot_b and slots what reaches rows of other blocks. place_b is the place
     of each in the scene's bonds. image_bd is in the loops' lattice. start_n, other_s and image_sd list both ways who is
-    bonded to a row, sorted, so that a bonded pair is found and taken out of the contacts.
+    bonded to a row, sorted, so that a bonded pair is found and taken out of the contacts. limit_bk holds the (B, 5)
+    limits of bonds that break, as `BondLimits.table` does; None where they never break.
     """
 
     compression: Any
@@ -55,6 +56,7 @@ class BondTable(NamedTuple):
     start_n: NDArray[np.int64]
     other_s: NDArray[np.int64]
     image_sd: NDArray[np.int64]
+    limit_bk: Any = None
 
 
 @device
@@ -217,6 +219,7 @@ def bond_table(
         np.searchsorted(start[order], np.arange(n + 1)).astype(np.int64),
         np.ascontiguousarray(other[order]),
         np.ascontiguousarray(both[order]),
+        None if bonds.breaks_at is None else bonds.breaks_at.table(len(bonds))[place],
     )
 
 

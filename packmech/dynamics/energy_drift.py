@@ -7,6 +7,7 @@ observations with what was there to grow.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -209,8 +210,26 @@ def power_of(volume: float, stress_dd: Any, kinetic_dd: Any, rate_dd: Any) -> tu
     return volume * float(np.sum(whole * rate_dd)), pressing
 
 
-def moments_of(row_tk: NDArray[np.float64], direction_dd: NDArray[np.float64], held: float) -> list[Moment]:
-    """Return the energies of rows of observables, in a box at 1 + gamma direction_dd; `held` is `largest_held`."""
+def moments_of(
+    row_tk: NDArray[np.float64],
+    direction_dd: NDArray[np.float64],
+    held: float,
+    released: Callable[[float], float],
+) -> list[Moment]:
+    """Return the energies of rows of observables.
+
+    Parameters
+    ----------
+    row_tk
+        Rows of observables.
+    direction_dd
+        The box is at 1 + gamma direction_dd.
+    held
+        `largest_held` of the scene.
+    released
+        What breaking bonds took out of the energy until a time, which counts as potential energy.
+
+    """
     d = len(direction_dd)
     found = []
     for row in row_tk:
@@ -220,7 +239,8 @@ def moments_of(row_tk: NDArray[np.float64], direction_dd: NDArray[np.float64], h
         contacts = float(row[columns.CONTACTS])
         # what an unstable spring seems to hold beyond its cap is energy from nowhere
         sliding = min(tangential, held * float(row[columns.TOTAL]) ** 2 / contacts) if contacts > 0.0 else 0.0
-        energy, kinetic = row[columns.POTENTIAL] + tangential, row[columns.KINETIC] + row[columns.ROTATIONAL]
+        energy = row[columns.POTENTIAL] + tangential + released(float(row[columns.TIME]))
+        kinetic = row[columns.KINETIC] + row[columns.ROTATIONAL]
         power, pressing = power_of(1.0, contact, -motion, rate)
         power += float(row[columns.MOVING])
         found.append(Moment(float(row[columns.TIME]), float(energy), sliding, float(kinetic), power, pressing))
@@ -238,10 +258,19 @@ class RowWatch:
         (d, d) direction of its strain.
     every
         Steps from row to row.
+    released
+        Energy that breaking bonds released until a time; none unless given.
 
     """
 
-    def __init__(self, scene: Scene, direction_dd: NDArray[np.float64], every: int) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        direction_dd: NDArray[np.float64],
+        every: int,
+        released: Callable[[float], float] = lambda time: 0.0,
+    ) -> None:
+        self.released = released
         frictional = friction_of(scene.effects) is not None
         known = knows_its_energy(scene, strained=True)
         self.watch = EnergyWatch(energy_unit(scene), known, True, frictional, _APART)
@@ -253,7 +282,7 @@ class RowWatch:
     def is_calm(self, row_tk: NDArray[np.float64]) -> bool:
         """Whether no row that came since the last call, of all so far, holds more energy than work explains."""
         good = True
-        for now in moments_of(row_tk[self.checked :], self.direction_dd, self.held):
+        for now in moments_of(row_tk[self.checked :], self.direction_dd, self.held, self.released):
             if self.start is None or self.last is None:
                 self.start = now
                 self.watch.remember(now, 0)

@@ -16,6 +16,7 @@ from packmech.constraints.rattle import Rattle, along_rattle, make_rattle, proje
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.bonds import bond_stretches, bond_table
+from packmech.dynamics.breaking import Breaks, broken_by, measure_loads
 from packmech.dynamics.by_shape import (
     inertia_per_mass,
     most_beads,
@@ -38,10 +39,11 @@ from packmech.dynamics.deformation import (
     set_flow,
 )
 from packmech.dynamics.friction import Now, leading_share
-from packmech.dynamics.observables import COLUMNS, Ledger, measure
+from packmech.dynamics.observables import COLUMNS, POTENTIAL, TANGENTIAL, Ledger, append_due, measure
 from packmech.dynamics.stability import step_condition
 from packmech.dynamics.stretches import Stretches, blocks_of, empty_track, read_stretches, write_stretches
 from packmech.dynamics.time_step import (
+    BREAKING,
     FORCES,
     REST_OF_STEP,
     SEARCH,
@@ -135,6 +137,8 @@ class Engine:
         The same as time steps take them.
     link_l
         The link of the packing that each of `row_links` is; None until somebody asks.
+    breaks
+        The bonds that are left of those that may break, and what broke; None where none may.
     too_long
         The longest stable time step, where this one is unstable for a single contact: no step is taken then.
 
@@ -164,6 +168,7 @@ class Engine:
     row_links: Links | None = None
     rattle: Rattle | None = None
     link_l: NDArray[np.int64] | None = None
+    breaks: Breaks | None = None
     too_long: Condition | None = None
 
     @property
@@ -190,6 +195,22 @@ class Engine:
     def gamma(self) -> float:
         """Strain of the box now."""
         return 0.0 if self.space.flow is None else float(gamma_at(self.profile, self.time)[0])
+
+    @property
+    def bonds(self) -> Bonds | None:
+        """The bonds that are left; None in a scene without."""
+        return bonds_of(self.scene.effects) if self.breaks is None else self.breaks.left
+
+    @property
+    def effects(self) -> tuple[Any, ...]:
+        """The effects of the scene with the bonds that are left."""
+        if self.breaks is None:
+            return self.scene.effects
+        return tuple(self.breaks.left if one is self.breaks.whole else one for one in self.scene.effects)
+
+    def released(self, time: float) -> float:
+        """Return the energy that breaking bonds released until a time [energy]."""
+        return 0.0 if self.breaks is None else self.breaks.released(round(time / self.dt))
 
     @property
     def free_mass(self) -> float:
@@ -295,12 +316,69 @@ class Engine:
                 self._follow()
                 start = REST_OF_STEP
                 continue
-            if status != RUNNING:
+            if status == BREAKING:
+                self._break_bonds(ledger)
+            elif status != RUNNING:
                 return status
             start = WHOLE_STEP
             if self.steps % self.wrap_every == 0:
                 self.wrap()
         return RUNNING
+
+    def _break_bonds(self, ledger: Ledger | None) -> None:
+        """Take out the bonds that are beyond a limit, and write what is due of the step at whose end they broke."""
+        table, loads = self.space.bonds, measure_loads(self.system, self.now)
+        mode = broken_by(table, loads.load_bk)
+        broken = np.flatnonzero(mode >= 0)
+        # none where two loops round a load at its limit to either side
+        if len(broken):
+            assert self.breaks is not None
+            before = self._potential_energy()
+            self.breaks.add(table.place_b[broken], mode[broken], loads.load_bk[broken], self.steps)
+            self._go_on_without(table.place_b, broken, loads.stretch_bk, ledger)
+            self.breaks.released_e[-len(broken)] = before - self._potential_energy()
+        append_due(ledger, self.system, self.steps, self.now, self.dt)
+
+    def _go_on_without(
+        self,
+        place_b: NDArray[np.int64],
+        broken: NDArray[np.int64],
+        stretch_bk: NDArray[np.float64],
+        ledger: Ledger | None,
+    ) -> None:
+        """Go on as a run does that starts from the present state with the bonds that are left.
+
+        Parameters
+        ----------
+        place_b, broken
+            Places of the bonds of the table among those that were left, and which of the table broke.
+        stretch_bk
+            Present displacements of the tangential springs, in the table's order.
+        ledger
+            Of the loop that takes the forces.
+
+        """
+        # springs are ahead of the time by the slip of what is to come, which the forces add again
+        now = record_contacts(self.system, self.now).stretch_pk
+        held = read_stretches(self.pairs, None if now is None else Track(now, now), len(self.axes))
+        keep, stretch = np.ones(len(place_b), dtype=bool), np.empty_like(stretch_bk)
+        keep[place_b[broken]], stretch[place_b] = False, stretch_bk
+        bonds = self.bonds
+        assert bonds is not None
+        table = bond_table(bonds, self.order_n, self.wrap_nd, self.change_dd, stretch[keep])
+        self.space = self.space._replace(bonds=table)
+        self._empty_lists()
+        self.rebuild_lists(held)
+        self._take_forces(ledger)
+        if self.state.last is not None:
+            self.state.last[:] = self.state.push
+        self.force_evaluations += 1
+
+    def _potential_energy(self) -> float:
+        """Return the energy of all that acts now, of tangential springs too [energy]."""
+        out = np.zeros(COLUMNS)
+        measure(self.system, self.time, self.now, out)
+        return float(out[POTENTIAL] + out[TANGENTIAL])
 
     def _take_forces(self, ledger: Ledger | None = None) -> None:
         run_steps(self.system, ledger, self.threads, Span(FORCES, self.steps, 1), self.rule)
@@ -425,8 +503,7 @@ class Engine:
 
     def rebuild(self) -> None:
         """Rebuild the frame, the images of bonds and links, and empty lists."""
-        packing, d = self.scene.packing, len(self.axes)
-        start = Box(packing.box.lattice_dd @ self.change_dd)
+        start = Box(self.scene.packing.box.lattice_dd @ self.change_dd)
         frame = frame_of(start)
         flow = None
         if self.direction_dd is not None:
@@ -434,14 +511,19 @@ class Engine:
             set_flow(flow, frame, self.time)
         table = self.space.bonds
         if table is not None:
-            bonds = bonds_of(self.scene.effects)
+            bonds = self.bonds
             assert bonds is not None
             table = bond_table(bonds, self.order_n, self.wrap_nd, self.change_dd, bond_stretches(table))
         self.space = Space(self.space.sizes, frame, bonds=table, flow=flow, held=self.space.held)
         self._link_rows()
+        self._empty_lists()
+
+    def _empty_lists(self) -> None:
+        """Let go of the lists, and of the springs of the pairs in them."""
+        d = len(self.axes)
         skin, beyond = (float(self.pairs.number[one]) for one in (SKIN_FULL, BEYOND))
         self.pairs = empty_list(len(self.order_n), skin, beyond, row_b=self.pairs.row_b, width=self.state.push.shape[1])
-        self.track = None if self.track is None else empty_track(d, most_beads(packing))
+        self.track = None if self.track is None else empty_track(d, most_beads(self.scene.packing))
 
     def _link_rows(self) -> None:
         packing = self.scene.packing
@@ -477,6 +559,8 @@ class Engine:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if space.bonds is not None:
             found["bond_stretch_bk"] = bond_stretches(space.bonds)
+        if self.breaks is not None:
+            found |= self.breaks.arrays()
         if self.rattle is not None:
             found["link_number"] = self.rattle.number.copy()
         if space.flow is not None:
@@ -498,6 +582,7 @@ class Engine:
             "stretch.j_c": IndexBounds(0, n, (None,)),
             "stretch.image_cd": IndexBounds(-_FAR, _FAR, (None, 3)),
             "stretch.bead_c2": IndexBounds(0, most_beads(self.scene.packing), (None, 2)),
+            **({} if self.breaks is None else self.breaks.index_bounds()),
         }
         return {f"engine.{name}": bound for name, bound in bounds.items()}
 
@@ -536,6 +621,10 @@ class Engine:
             numbers = saved("profile", _numbers(self.profile))
             if not isinstance(self.profile, Driven):
                 self.set_profile(type(self.profile)(*numbers.tolist()))
+        if self.breaks is not None:
+            self.breaks.restore({name: arrays.get(f"engine.{name}") for name in self.breaks.arrays()})
+            table = bond_table(self.breaks.left, self.order_n, self.wrap_nd, self.change_dd, None)
+            self.space = self.space._replace(bonds=table)
         if self.space.bonds is not None:
             table = self.space.bonds
             table.stretch_bk[:] = saved("bond_stretch_bk", table.stretch_bk)[table.place_b]
@@ -769,6 +858,7 @@ def build_engine(
         resolution=np.finfo(np.float64).eps * extent,
         wrap_every=_steps_between_wraps(profile, direction_dd, dt),
         threads=threads,
+        breaks=None if bonds is None or bonds.breaks_at is None else Breaks(bonds),
         too_long=step_condition(scene, dt, _in_order(weight[:, 0], order), second_order=second_order, lead=lead),
     )
     built._link_rows()

@@ -337,6 +337,13 @@ def append_row(ledger, system, step, pace, dt):
         ledger.written[0] += 1
 
 
+@lean
+def append_due(ledger, system, step, now, dt):
+    """Write the observables of this step where they are due; `now` is a `Now`."""
+    if is_due(ledger, step):
+        append_row(ledger, system, step, now, dt)
+
+
 @device
 def is_due(ledger, step):
     """Whether the observables of this step are to be kept."""

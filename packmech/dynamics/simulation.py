@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.check import instance, integer, positive
 from packmech.display import shown
+from packmech.dynamics.breaking import BrokenBonds, numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.energy_drift import (
     Moment,
@@ -48,6 +49,7 @@ from packmech.dynamics.observables import (
     tensors,
 )
 from packmech.dynamics.pair_forces import Touching, touching_of
+from packmech.effects import Bonds
 from packmech.files.records import from_table, kinds_of, to_table
 from packmech.jit.compiled import compiling_noted
 from packmech.jit.interrupts import held_interrupts
@@ -171,7 +173,7 @@ class Simulation(Run):
         The time step [time].
     energy_drift
         Energy at the end less that at the start, over the largest |potential| + kinetic energy seen [1]. With dashpots
-        it holds what they took, without it is the method's error.
+        it holds what they took, without it is the method's error. What breaking bonds released counts as still there.
     momentum_error
         Largest change of the total momentum seen, over the largest sum of m |v| [1].
     link_error
@@ -184,6 +186,10 @@ class Simulation(Run):
         gamma of the box at the end [1]; `packing` has the box as it is then.
     held_n
         (N,) who was held, if anybody was.
+    bonds
+        The bonds at the end; None in a scene without.
+    broken_bonds
+        Those that broke; None where no bond of the scene may break.
 
     """
 
@@ -196,6 +202,8 @@ class Simulation(Run):
     spin_nk: NDArray[np.float64] | None = None
     strain: float = 0.0
     held_n: NDArray[np.bool_] | None = None
+    bonds: Bonds | None = None
+    broken_bonds: BrokenBonds | None = None
 
     def about(self) -> dict[str, Any]:
         """Return what a table of this run says of it."""
@@ -225,6 +233,7 @@ class Simulation(Run):
             "momentum_error": self.momentum_error,
             "link_error": self.link_error,
             "strain": self.strain,
+            **numbers_of_broken(self.broken_bonds),
         }
         trace = self.trace
         if isinstance(trace, MotionTrace):
@@ -257,6 +266,7 @@ class Simulation(Run):
                 ("change of energy", f"{numbers['energy_drift']:.2g}", f"of the largest; {_AN_ERROR}"),
                 ("momentum error", f"{numbers['momentum_error']:.1e}", "of the sum of m |v|"),
             ]
+        rows += rows_of_broken(self.broken_bonds)
         if self.packing.links:
             rows.append(("link error", f"{numbers['link_error']:.1e}", "largest, over the length of the link"))
         rows.append(("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"))
@@ -265,6 +275,14 @@ class Simulation(Run):
             for k, line in enumerate(lines):
                 rows.append((f"{name} stress" if k == 0 else "", line, note if k == 0 else unit if k == 1 else ""))
         return [*self.outcome_rows(), *rows]
+
+
+def bonds_at(engine: Engine, step: int) -> dict[str, Any]:
+    """Return the bonds at the end of a step and those that broke until then, as fields of a run."""
+    breaks = engine.breaks
+    if breaks is None:
+        return {"bonds": engine.bonds}
+    return {"bonds": breaks.left_at(step), "broken_bonds": breaks.until(step, engine.dt)}
 
 
 class Snapshot(NamedTuple):
@@ -608,7 +626,7 @@ class SimulationTask:
         return type(self.settings.method).__name__, {**figures, "engine": engine}
 
     def _moment(self, row: NDArray[np.float64]) -> Moment:
-        return moments_of(row[None], self.direction_dd, self.held)[0]
+        return moments_of(row[None], self.direction_dd, self.held, self.engine.released)[0]
 
     def _keep(self, now: NDArray[np.float64]) -> None:
         engine, largest, d = self.engine, self.largest, len(self.engine.axes)
@@ -633,7 +651,7 @@ class SimulationTask:
     def _measured(self) -> State:
         """Return what added observables are measured of."""
         now = (self.reached, self.engine.time, self.state[1].copy(), self.spin_nk)
-        return State(self._packing(), self.scene.effects, *now)
+        return State(self._packing(), self.engine.effects, *now)
 
     def save(self) -> None:
         """Write the checkpoint."""
@@ -750,6 +768,7 @@ class SimulationTask:
             spin_nk=self.spin_nk,
             strain=float(last[STRAIN]),
             held_n=settings.held_n,
+            **bonds_at(self.engine, self.reached),
             unmet=unmet_conditions(
                 outcome, *self.engine.limits(), Condition("steps", self.reached, settings.steps, 0.0)
             ),

@@ -11,6 +11,7 @@ from numba import literal_unroll
 
 from packmech.constraints.rattle import rattle_positions, rattle_velocities
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
+from packmech.dynamics.breaking import limits_of, some_bond_breaks
 from packmech.dynamics.by_shape import dragged_to, push_on_row, turn_shapes
 from packmech.dynamics.contact_forces import contacts_of_block, laws_of
 from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, turning, with_scratch
@@ -29,8 +30,9 @@ from packmech.minimize.passes.pair_list import (
 )
 
 TOO_FAST = NOT_FINITE
-# a loop that ended because its pair lists must be rebuilt, in the middle of a step
-SEARCH = 17
+# a loop that ended because its pair lists must be rebuilt, in the middle of a step; or at the end of a step in which
+# bonds went beyond their limits, before its observables
+SEARCH, BREAKING = 17, 18
 # where a loop starts: with a step, in the middle of one, or only to take the forces
 WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2
 
@@ -403,6 +405,8 @@ def take_steps(system, ledger, thread, span, rule):
         if rule.second_order:
             project_velocities(thread, links, axes, state.body, state.half)
         start = WHOLE_STEP
+        if some_bond_breaks(limits_of(system.space.bonds), system, thread, blocks, pace):
+            return BREAKING, taken + 1
         if is_due(ledger, step + 1):
             wait(thread)
             if is_first(thread):

@@ -15,6 +15,8 @@ from packmech.effects.body import (
     spin_drag,
 )
 from packmech.effects.bonds import (
+    BREAKING_MODES,
+    BondLimits,
     Bonds,
     acting_contacts,
     acts,
@@ -91,6 +93,8 @@ __all__ = [
     "reach_beyond_contact",
     "SIGNED",
     "BackgroundDamping",
+    "BREAKING_MODES",
+    "BondLimits",
     "Bonds",
     "ContactDamping",
     "ContactTerms",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar, cast
 
@@ -23,6 +24,96 @@ from packmech.packing import Packing, images_between
 T = TypeVar("T", bound=Contacts | ShapeContacts)
 
 
+# what a bond may break by, in the order of the limits
+BREAKING_MODES = ("tension", "compression", "stretch", "squeeze", "shear")
+
+
+@shown(str)
+@dataclass(frozen=True)
+class BondLimits:
+    """Loads beyond which a bond breaks, for good; each is one number or one for each bond, None where there is none.
+
+    Pulling and pushing are told apart: a bond with a limit in tension alone holds whatever pushes its ends together.
+    Forces are those of the springs, without what dashpots add.
+
+    Parameters
+    ----------
+    tension
+        Largest pulling force of the normal spring [force].
+    compression
+        Largest pushing force of the normal spring [force].
+    stretch
+        Largest relative elongation, distance / rest length - 1 [1].
+    squeeze
+        Largest relative shortening, 1 - distance / rest length [1].
+    shear
+        Largest force of the tangential spring [force].
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> pm.BondLimits(tension=0.02, shear=0.01)
+    <packmech.BondLimits> tension 0.02, shear 0.01
+      tension  0.02  [force]
+      shear    0.01  [force]
+
+    """
+
+    tension: float | tuple[float, ...] | None = None
+    compression: float | tuple[float, ...] | None = None
+    stretch: float | tuple[float, ...] | None = None
+    squeeze: float | tuple[float, ...] | None = None
+    shear: float | tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for name in BREAKING_MODES:
+            object.__setattr__(self, name, _limit(name, getattr(self, name)))
+        if not self.modes:
+            raise ValueError(f"tension must be given, or one of {', '.join(BREAKING_MODES[1:])}, got no limit")
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """Names of the limits that there are."""
+        return tuple(name for name in BREAKING_MODES if getattr(self, name) is not None)
+
+    def __str__(self) -> str:
+        return ", ".join(
+            f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {min(value):.6g} to {max(value):.6g}"
+            for name in self.modes
+            if (value := getattr(self, name)) != ()
+        )
+
+    def table(self, bonds: int) -> NDArray[np.float64]:
+        """Return the (B, 5) limits of so many bonds, in the order of the fields; infinite where there is none."""
+        found = np.full((bonds, len(BREAKING_MODES)), np.inf)
+        for k, name in enumerate(BREAKING_MODES):
+            if getattr(self, name) is not None:
+                found[:, k] = getattr(self, name)
+        return found
+
+    def select(self, which_b: NDArray[Any]) -> BondLimits:
+        """Return the limits of the bonds that are marked or numbered."""
+        many = {name: getattr(self, name) for name in self.modes if isinstance(getattr(self, name), tuple)}
+        return dataclasses.replace(
+            self, **{name: tuple(np.array(value, dtype=float)[which_b].tolist()) for name, value in many.items()}
+        )
+
+
+def _limit(name: str, value: Any) -> float | tuple[float, ...] | None:
+    """Return a limit that was checked: a number above 0, or several; infinite ones never break a bond."""
+    if value is None:
+        return None
+    value = value.tolist() if isinstance(value, np.ndarray) else value
+    several = isinstance(value, list | tuple) and not hasattr(value, "_fields")
+    given = list(value) if several else [value]
+    for one in given:
+        if isinstance(one, bool) or not isinstance(one, int | float | np.integer | np.floating):
+            raise TypeError(f"{name} must be a number, or one for each bond, or None, got {one!r}")
+        if math.isnan(one) or one <= 0.0:
+            raise ValueError(f"{name} must be positive, got {one!r}")
+    return tuple(map(float, given)) if several else float(given[0])
+
+
 @shown(lambda one: f"{len(one)} bonds")
 @bound_effect
 @dataclass(frozen=True, eq=False)
@@ -35,6 +126,11 @@ class Bonds:
     them no more than gravity does: those with tangential springs or dashpots are refused there. At the start of a scene
     tangential springs are slack. Second derivatives of energies, modes and `quench` take bonds without them
     (tangential_stiffness=0.0); `elastic_moduli`, `stiffness_matrix` and `complex_modulus` with them.
+
+    With limits (`breaks_at`) bonds break in runs that step through time: one that is beyond a limit at the end of a
+    step never acts again, and its pair is an ordinary contact from then on. Such a run holds what broke as
+    `broken_bonds` and what is left as `bonds`. Calls that would strain bonds without breaking them, such as `quench`,
+    refuse limits; take them away with `unbreakable`.
 
     Parameters
     ----------
@@ -50,6 +146,20 @@ class Bonds:
         Of the tangential spring [energy/length^2].
     damping, tangential_damping
         Of the dashpots along and across the bond [mass/time].
+    breaks_at
+        Loads beyond which a bond breaks (`BondLimits`); None: never.
+
+    Examples
+    --------
+    A bond that breaks when it is pulled with a force of more than 0.02:
+
+    >>> import packmech as pm
+    >>> pair = pm.Packing([[1.0, 2.0], [2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    >>> bond = pm.Bonds([0], [1], [[0, 0]], [1.0], breaks_at=pm.BondLimits(tension=0.02))
+    >>> scene = pm.Scene(pair, (pm.Repulsion(), bond))
+    >>> run = pm.simulate(scene, duration=1.0, velocity_nd=[[-0.05, 0.0], [0.05, 0.0]])
+    >>> run.broken_bonds.mode_e.tolist(), len(run.bonds)
+    (['tension'], 0)
 
     """
 
@@ -62,6 +172,7 @@ class Bonds:
     tangential_stiffness: float = 1.0
     damping: float = 0.0
     tangential_damping: float = 0.0
+    breaks_at: BondLimits | None = None
 
     acts_as: ClassVar[str] = "bonds"
 
@@ -93,6 +204,30 @@ class Bonds:
                 raise TypeError(f"{name} must be a law such as LinearSpring(...), got {getattr(self, name)!r}")
         for name in ("tangential_stiffness", "damping", "tangential_damping"):
             object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0))
+        if self.breaks_at is not None:
+            self._check_limits(order)
+
+    def _check_limits(self, order_b: NDArray[np.int64]) -> None:
+        """Check the limits, and put those of single bonds in the order of the bonds."""
+        instance("breaks_at", self.breaks_at, BondLimits)
+        limits = cast(BondLimits, self.breaks_at)
+        for name in limits.modes:
+            value = getattr(limits, name)
+            if isinstance(value, tuple) and len(value) != len(order_b):
+                raise ValueError(
+                    f"breaks_at.{name} must be a number or one for each of {len(order_b)} bonds, got {len(value)}"
+                )
+        if limits.shear is not None and not self.tangential_stiffness:
+            raise ValueError(
+                "breaks_at.shear must be None for bonds without tangential springs (tangential_stiffness=0.0), which "
+                f"bear no shear, got {limits.shear}"
+            )
+        object.__setattr__(self, "breaks_at", limits.select(order_b))
+
+    @property
+    def acts_also(self) -> tuple[str, ...]:
+        """Further columns of `packmech effects`: bonds with limits break."""
+        return () if self.breaks_at is None else ("breaking",)
 
     def __len__(self) -> int:
         return len(self.i_b)
@@ -106,17 +241,18 @@ class Bonds:
 
     def select(self, keep_b: NDArray[np.bool_]) -> Bonds:
         """Return the bonds that are marked."""
-        return Bonds(
-            self.i_b[keep_b],
-            self.j_b[keep_b],
-            self.image_bd[keep_b],
-            self.rest_length_b[keep_b],
-            self.compression,
-            self.tension,
-            self.tangential_stiffness,
-            self.damping,
-            self.tangential_damping,
+        return dataclasses.replace(
+            self,
+            i_b=self.i_b[keep_b],
+            j_b=self.j_b[keep_b],
+            image_bd=self.image_bd[keep_b],
+            rest_length_b=self.rest_length_b[keep_b],
+            breaks_at=None if self.breaks_at is None else self.breaks_at.select(keep_b),
         )
+
+    def unbreakable(self) -> Bonds:
+        """Return the bonds without limits: they never break."""
+        return dataclasses.replace(self, breaks_at=None)
 
     def continued(self, start: Packing, end: Packing) -> Bonds:
         """Return the bonds of a packing that has become another one, particles of which may have been wrapped.
@@ -235,6 +371,7 @@ def bond_contacts(
     tangential_damping: float = 0.0,
     rest: str = "contact",
     gap_tolerance: float | None = None,
+    breaks_at: BondLimits | None = None,
 ) -> Bonds:
     """Return bonds between all particles that touch.
 
@@ -253,6 +390,8 @@ def bond_contacts(
         only the latter are defined, and bodies that touch in several places get one bond.
     gap_tolerance
         Largest gap relative to the contact distance [1] at which a pair counts as touching.
+    breaks_at
+        Loads beyond which bonds break; None: never.
 
     Raises
     ------
@@ -285,4 +424,5 @@ def bond_contacts(
         tangential_stiffness,
         damping,
         tangential_damping,
+        breaks_at,
     )

@@ -104,6 +104,7 @@ def controlled(scene: Scene, control: str, friction: float | None) -> Scene:
             tangential_stiffness=bonds.tangential_stiffness,
             damping=bonds.damping,
             tangential_damping=bonds.tangential_damping,
+            breaks_at=bonds.breaks_at,
         )
         effects = tuple(whole if isinstance(one, Bonds) else one for one in effects)
     scene = scene.replace(effects=effects)

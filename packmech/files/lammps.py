@@ -199,6 +199,8 @@ def _data_losses(snapshot: Snapshot) -> Iterator[str]:
             yield f"springs without tangential ones, got a stiffness of {bonds.tangential_stiffness:g}"
         if bonds.damping or bonds.tangential_damping:
             yield f"springs without dashpots, got {bonds.damping:g}, {bonds.tangential_damping:g}"
+        if bonds.breaks_at is not None:
+            yield f"springs that never break, got limits: {bonds.breaks_at}"
 
 
 def _data_field(name: str, array: NDArray[Any]) -> bool:

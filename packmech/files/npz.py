@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from packmech.box import Box
-from packmech.effects.bonds import Bonds
+from packmech.effects.bonds import BondLimits, Bonds
 from packmech.effects.laws import registered_laws
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, LAW, STEP, Format, Given, One
 from packmech.files.records import OpenKinds, from_table, kinds_of, to_table
@@ -196,7 +196,7 @@ def _plain(value: Any) -> Any:
 
 def _bonds_in(text: Any) -> tuple[Bonds, ...]:
     laws = kinds_of(registered_laws())
-    nested = {"compression": laws, "tension": laws, "law": laws}
+    nested = {"compression": laws, "tension": laws, "law": laws, "breaks_at": kinds_of((BondLimits,))}
     tables = json.loads(np.asarray(text, dtype=np.uint8).tobytes())
     return tuple(from_table(one, "bonds", {"bonds": Bonds}, nested) for one in tables)
 

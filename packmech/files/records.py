@@ -140,7 +140,8 @@ def read_fields(
         table = {"kind": table}
     if not isinstance(table, dict):
         raise TypeError(f"{where} must be a table with a kind, got {table!r}")
-    kind = table.get("kind")
+    # where one kind alone may stand, it need not be named
+    kind = table.get("kind", *kinds) if len(kinds) == 1 else table.get("kind")
     if not isinstance(kind, str) or kind not in kinds:
         raise ValueError(f"{where}.kind must be one of {_listed(kinds, kind, 'kind' in table)}")
     maker = kinds[kind]
@@ -157,7 +158,7 @@ def read_fields(
                 known, near = ", ".join(fields), did_you_mean(name, fields)
                 meant |= {one for one in fields if near.endswith(f"{one!r}?")}
                 raise ValueError(f"{path} must be a field of {kind_of(maker)} ({known}), got an unknown one{near}")
-            if nested and name in nested:
+            if nested and name in nested and holds_record(hints.get(name, Any)):
                 values[name] = from_table(value, path, nested[name], nested)
             else:
                 values[name] = _value(path, value, hints.get(name, Any))
@@ -201,12 +202,21 @@ def _hints(maker: Maker) -> dict[str, Any]:
 _WORDS = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}
 
 
+def holds_record(hint: Any) -> bool:
+    """Return whether a field of this annotation may hold a record: not where it names numbers and texts alone."""
+    return not all(option in _WORDS or typing.get_origin(option) is tuple for option in _options(hint))
+
+
+def _options(hint: Any) -> tuple[Any, ...]:
+    options = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    return tuple(option for option in options if option is not type(None))
+
+
 def _value(path: str, value: Any, hint: Any) -> Any:
     """Return the plain value in the type that the annotation asks for; annotations other than plain ones accept any."""
-    options = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-    options = tuple(option for option in options if option is not type(None))
-    if not all(option in _WORDS or typing.get_origin(option) is tuple for option in options):
+    if holds_record(hint):
         return tuple(value) if isinstance(value, list) else value
+    options = _options(hint)
     for option in options:
         if typing.get_origin(option) is tuple and isinstance(value, list):
             inner = typing.get_args(option)[0]

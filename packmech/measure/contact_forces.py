@@ -473,7 +473,11 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
     return stress
 
 
-@honors("repulsion friction bonds interactions gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
+@honors(
+    "repulsion friction bonds interactions gravity walls held links shapes breaking",
+    at_rest=True,
+    link_tolerance=STRAINED,
+)
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 

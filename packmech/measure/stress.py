@@ -34,7 +34,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 
 
 @honors(
-    "repulsion friction bonds interactions gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes breaking",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -65,7 +65,7 @@ def energy(scene: Scene) -> float:
 
 
 @honors(
-    "repulsion friction bonds interactions gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes breaking",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -93,7 +93,7 @@ def forces(scene: Scene) -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction bonds interactions gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes breaking",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -141,7 +141,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction bonds interactions gravity walls held links shapes",
+    "repulsion friction bonds interactions gravity walls held links shapes breaking",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -170,7 +170,9 @@ def pressure(scene: Scene, *, parts: str = "total") -> float:
     return (0.0 - float(np.trace(stress_tensor(scene, parts=parts)))) / scene.packing.dimension
 
 
-@honors("repulsion friction bonds interactions gravity walls held links", at_rest=True, link_tolerance=STRAINED)
+@honors(
+    "repulsion friction bonds interactions gravity walls held links breaking", at_rest=True, link_tolerance=STRAINED
+)
 def link_tension(scene: Scene) -> NDArray[np.float64]:
     """Return the (L,) forces in the rigid links [force], tension positive, in the order of `packing.links`.
 

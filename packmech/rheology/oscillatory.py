@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real, two_axes
+from packmech.dynamics.breaking import rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import bonds_of, is_bound, law_second, pair_second
 from packmech.honors import honors
@@ -179,6 +180,7 @@ class OscillatoryShear(StrainRun):
             ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"),
             ("mean pressure", f"{numbers['mean_pressure']:.6g}", unit),
             ("contacts", f"{numbers['mean_contacts']:.1f}", f"mean; {sliding:.1%} of them slide"),
+            *rows_of_broken(self.broken_bonds),
         ]
 
     def demodulated(self, tensor: str = "overall", axes: tuple[int, int] | None = None) -> Demodulation:
@@ -242,7 +244,7 @@ def frequency_of(settings: StrainSettings, frequency: float | None, relative_fre
 
 
 @listed(Common)
-@honors("repulsion damping friction bonds interactions gravity walls drag shapes")
+@honors("repulsion damping friction bonds interactions gravity walls drag shapes breaking")
 def oscillatory_shear(
     scene: Scene,
     *,

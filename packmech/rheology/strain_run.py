@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import integer
+from packmech.dynamics.breaking import BrokenBonds, numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.energy_drift import RowWatch
 from packmech.dynamics.engine import Engine, build_engine
@@ -36,8 +37,15 @@ from packmech.dynamics.observables import (
     tensors,
 )
 from packmech.dynamics.pair_forces import Touching, touching_of
-from packmech.dynamics.simulation import Snapshot, orientations_at, snapshot_arrays, snapshot_bounds, snapshots_of
-from packmech.effects import bonds_of, friction_of
+from packmech.dynamics.simulation import (
+    Snapshot,
+    bonds_at,
+    orientations_at,
+    snapshot_arrays,
+    snapshot_bounds,
+    snapshots_of,
+)
+from packmech.effects import Bonds, bonds_of, friction_of
 from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.checkpoint import Arrays, IndexBounds, saved_array, scene_fingerprints
 from packmech.measure.counting import packing_fraction
@@ -100,6 +108,10 @@ class StrainRun(Run):
         (F, N, 1 or 3) spins of the frames (None where particles do not turn), and who touches whom there.
     held_n
         (N,) who was held, if anybody was.
+    bonds
+        The bonds at the end; None in a scene without.
+    broken_bonds
+        Those that broke; None where no bond of the scene may break.
     added
         (T, ...) arrays of the observables that were added by `pm.observable`, by name.
 
@@ -126,6 +138,8 @@ class StrainRun(Run):
     orientation_fnq: NDArray[np.float64] | None = None
     touching_f: tuple[Touching, ...] = ()
     held_n: NDArray[np.bool_] | None = None
+    bonds: Bonds | None = None
+    broken_bonds: BrokenBonds | None = None
     added: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @property
@@ -179,6 +193,7 @@ class StrainRun(Run):
             "packing_fraction": packing_fraction(self.packing),
             "contacts": int(self.contacts_t[-1]),
             "sliding_fraction": float(self.sliding_fraction_t[-1]),
+            **numbers_of_broken(self.broken_bonds),
         }
 
     def rows(self) -> list[Row]:
@@ -191,6 +206,7 @@ class StrainRun(Run):
             ("pressure at the end", f"{numbers['pressure']:.6g}", unit),
             ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"),
             ("contacts", str(numbers["contacts"]), f"{numbers['sliding_fraction']:.1%} of them slide"),
+            *rows_of_broken(self.broken_bonds),
         ]
 
     @property
@@ -273,7 +289,6 @@ class StrainTask:
     def __init__(self, settings: StrainSettings, plan: StrainPlan) -> None:
         self.began = time.process_time()
         self.settings, self.plan, self.walls = settings, plan, plan.walls
-        self.energy = RowWatch(settings.scene, plan.direction_dd, plan.every)
         with safe_interrupts():
             self.engine: Engine = build_engine(
                 settings.scene,
@@ -307,6 +322,7 @@ class StrainTask:
                     self.walls.begin(self.engine)
             # what is returned where nothing finite is left in the end
             self.last_finite = self._now()
+        self.energy = RowWatch(settings.scene, plan.direction_dd, plan.every, self.engine.released)
         self.build_seconds = time.process_time() - self.began
 
     def _named(self) -> dict[str, Any]:
@@ -340,9 +356,8 @@ class StrainTask:
         """Measure the added observables, at the start and wherever a row is kept."""
         engine = self.engine
         if added_observables() and (self.driven_rows is not None or engine.steps % self.plan.every == 0):
-            scene = self.settings.scene
             packing = engine.packing_at(engine.positions(), engine.orientations(), engine.box())
-            state = State(packing, scene.effects, engine.steps, engine.time, engine.velocities(), self._spins())
+            state = State(packing, engine.effects, engine.steps, engine.time, engine.velocities(), self._spins())
             self.added.append(measure_added(lambda: state))
 
     def _now(self) -> _EndState:
@@ -529,6 +544,7 @@ class StrainTask:
             "touching_f": tuple(one.touching for one in snapshots),
             "orientation_fnq": orientations_at(snapshots),
             "held_n": settings.held_n,
+            **bonds_at(engine, engine.steps),
             "added": columns_of(self.added) if self.added and self.added[0] else {},
             "unmet": unmet_conditions(outcome, *engine.limits(), Condition("steps", engine.steps, plan.steps, 0.0)),
         }

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import function, one_of
-from packmech.effects import Bonds, Harmonic, LinearSpring, Repulsion
+from packmech.effects import BondLimits, Bonds, Harmonic, LinearSpring, Repulsion
 from packmech.effects.bonds import bond_contacts
 from packmech.effects.laws import Law
 from packmech.files.packings import read_packing
@@ -336,6 +336,8 @@ def inline_table(packing: Packing) -> dict[str, Any]:
     return table
 
 
+# the record that may stand in a field of bonds
+LIMITS = {"breaks_at": kinds_of((BondLimits,))}
 _SPRINGS = ("compression", "tension", "tangential_stiffness", "damping", "tangential_damping")
 
 
@@ -363,6 +365,7 @@ def bonds(
     tangential_stiffness: float = 1.0,
     damping: float = 0.0,
     tangential_damping: float = 0.0,
+    breaks_at: BondLimits | None = None,
 ) -> Bonds:
     """Return the bonds of a packing.
 
@@ -371,7 +374,7 @@ def bonds(
     particles, `rest_lengths`, and `images` where some are not zero.
     """
     fields = locals()
-    springs = {name: fields[name] for name in _SPRINGS}
+    springs = {name: fields[name] for name in (*_SPRINGS, "breaks_at")}
     making = {"rest": rest, "gap_tolerance": gap_tolerance}
     names = inspect.signature(cut_fragments).parameters
     cutting = {name: value for name, value in fields.items() if name in names and name not in ("packing", "bonds")}
@@ -401,6 +404,7 @@ def bonds_table(bonds: Bonds) -> dict[str, Any]:
         "images": bonds.image_bd.tolist(),
         "rest_lengths": bonds.rest_length_b.tolist(),
         **{name: value if isinstance(value, float) else to_table(value) for name, value in springs.items()},
+        **({} if bonds.breaks_at is None else {"breaks_at": to_table(bonds.breaks_at)}),
     }
 
 

@@ -13,9 +13,9 @@ import tomli_w
 
 from packmech.docstrings import first_sentence, meanings_of
 from packmech.effects import registered_effects, registered_laws
-from packmech.files.records import Kinds, Maker, is_record, kind_of, kinds_of, to_table
+from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
-from packmech.scenes.recipes import NESTED, PACKINGS, bonds
+from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
@@ -96,8 +96,12 @@ def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str]
     for name, one in inspect.signature(maker).parameters.items():
         if name in given:
             continue
-        kinds = nested.get(name)
-        words = _words(hints.get(name, Any)) if kinds is None else "a kind of " + name.rstrip("s")
+        hint = hints.get(name, Any)
+        kinds = nested.get(name) if holds_record(hint) else None
+        if kinds is None:
+            words = _words(hint)
+        else:
+            words = f"a table of {next(iter(kinds))}" if len(kinds) == 1 else "a kind of " + name.rstrip("s")
         required = one.default is inspect.Parameter.empty
         if maker in PACKINGS.values() and (name == "seed" or name not in meaning):
             meaning[name] = _IN_FILES.get(name, "")
@@ -110,7 +114,7 @@ def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]
     laws = kinds_of(registered_laws())
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
     yield "[packing]", PACKINGS, NESTED | nested, ("folder",)
-    yield "[[effects]]", kinds_of(registered_effects()) | {kind_of(bonds): bonds}, nested, ("packing",)
+    yield "[[effects]]", kinds_of(registered_effects()) | {kind_of(bonds): bonds}, nested | LIMITS, ("packing",)
     for name, cls in registered_drives().items():
         methods = {field: kinds_of(classes()) for field, classes in drive_code(cls).nested.items()}
         yield f"[drive] {name}", {name: cls}, methods, ()
@@ -133,7 +137,7 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     lines += _table_lines(tables["packing"], PACKINGS, NESTED | nested, ("folder",))
     acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
     for one in tables["effects"]:
-        lines += ["", "[[effects]]", *_table_lines(one, acting, nested, ("packing",))]
+        lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS, ("packing",))]
     if "drive" in tables:
         cls = registered_drives()[tables["drive"]["kind"]]
         methods = {name: kinds_of(classes()) for name, classes in drive_code(cls).nested.items()}

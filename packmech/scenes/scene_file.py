@@ -80,6 +80,7 @@ from packmech.files.records import (
 from packmech.scene import Scene, drive_code, drive_kind, registered_drives
 from packmech.scenes.recipes import (
     FIELD_OF,
+    LIMITS,
     NESTED,
     PACKINGS,
     bonds,
@@ -307,7 +308,7 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         entries = []
     laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
     acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
-    nested: dict[str, Kinds] = dict.fromkeys(("law", "compression", "tension"), laws)
+    nested: dict[str, Kinds] = {**dict.fromkeys(("law", "compression", "tension"), laws), **LIMITS}
     # each effect beside its place; bonds are made once the packing is there
     effects: list[Any] = []
     bonded: dict[int, dict[str, Any]] = {}

@@ -402,7 +402,8 @@ class LiveRecording:
             times, spins = np.array([before, engine.time]), np.array([old, spin])
             self._mark = turned_marks(times, spins, box.dimension, self._mark)[1]
             self._spun = (engine.time, spin)
-        return PackingFrame(self._step, self._time, packing, touching_of(engine), self._mark)
+        broken = None if engine.breaks is None else engine.breaks.bond_e
+        return PackingFrame(self._step, self._time, packing, touching_of(engine), self._mark, broken)
 
     def show(self, frame: PackingFrame) -> None:
         """Send one frame."""

@@ -14,6 +14,7 @@ from packmech.box import Box
 from packmech.check import clear_errors, instance
 from packmech.contacts import pair_contacts
 from packmech.contacts.shape_contacts import touching_pairs
+from packmech.dynamics.breaking import BrokenBonds
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
 from packmech.effects import acting_contacts, bonds_of
@@ -42,13 +43,17 @@ MARK_FROM, MARK_TO = 0.35, 0.9
 
 @dataclass(frozen=True, eq=False)
 class PackingFrame:
-    """A packing at one step, its contacts (None: found when drawn), and (N, d) unit vectors that turn with spins."""
+    """A packing at one step, its contacts (None: found when drawn), and (N, d) unit vectors that turn with spins.
+
+    broken_e are the places of bonds that broke before, in those of the scene.
+    """
 
     step: int
     time: float
     packing: Packing
     touching: Touching | None = None
     mark_nd: NDArray[np.float64] | None = None
+    broken_e: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +263,15 @@ def _of_strain(run: StrainRun, scene: Scene, frames: int) -> Trajectory:
     }
     moduli: dict[str, float] = {name: about[name] for name in ("storage_modulus", "loss_modulus") if name in about}
     step_t = np.rint(run.time_t / run.dt).astype(np.int64)
-    return _in_motion(scene, _frames_of(scene, *kept, frames), step_t, columns, shear, run.held_n, moduli)
+    shown = _with_broken(_frames_of(scene, *kept, frames), run.broken_bonds)
+    return _in_motion(scene, shown, step_t, columns, shear, run.held_n, moduli)
+
+
+def _with_broken(frames: tuple[PackingFrame, ...], broken: BrokenBonds | None) -> tuple[PackingFrame, ...]:
+    """Return frames that know which bonds are broken."""
+    if broken is None:
+        return frames
+    return tuple(replace(one, broken_e=broken.bond_e[broken.step_e <= one.step]) for one in frames)
 
 
 def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Trajectory:
@@ -278,7 +291,8 @@ def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Traje
     turning = (trace.spin_tnk, trace.touching_t, trace.orientation_tnq)
     kept = (trace.step_t, trace.time_t, trace.position_tnd, lattice, *turning)
     held_n = getattr(run, "held_n", None)
-    return _in_motion(scene, _frames_of(scene, *kept, frames), trace.step_t, columns, "stress xy", held_n, {})
+    shown = _with_broken(_frames_of(scene, *kept, frames), getattr(run, "broken_bonds", None))
+    return _in_motion(scene, shown, trace.step_t, columns, "stress xy", held_n, {})
 
 
 def _in_motion(
@@ -538,7 +552,9 @@ def draw_moving(frame: PackingFrame, effects: Sequence[Any]) -> DrawnFrame:
     )
     bonds = bonds_of(effects)
     bond, pull = none, zero
-    if bonds is not None:
+    if bonds is not None and frame.broken_e is not None:
+        bonds = bonds.select(~np.isin(np.arange(len(bonds)), frame.broken_e))
+    if bonds is not None and len(bonds):
         bond, pair_s, vector = cell.lines(bonds.i_b, bonds.j_b, bonds.image_bd)
         extension = np.linalg.norm(vector, axis=1) / bonds.rest_length_b - 1.0
         mean = float(np.abs(extension).mean())

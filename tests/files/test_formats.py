@@ -197,6 +197,7 @@ def test_what_a_format_does_not_keep_is_refused_by_name_unless_it_is_dropped(tmp
         ({"tangential": 0.5}, "springs without tangential ones for .data files .*, got a stiffness of 0.5"),
         ({"damping": 0.5}, "springs without dashpots for .data files"),
         ({"tension": pm.LinearSpring(2.0)}, "springs of LinearSpring alone, the same for both signs for .data files"),
+        ({"breaks_at": pm.BondLimits(stretch=0.1)}, "springs that never break for .data files .*, got limits: stretch"),
     ],
 )
 def test_springs_that_lammps_has_not_are_refused(tmp_path, changes, words):

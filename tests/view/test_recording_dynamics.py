@@ -236,6 +236,18 @@ def test_marks_turn_with_the_spins_in_a_plane_and_in_space():
     assert again[-1, 0] == pytest.approx([np.cos(1.0), np.sin(1.0)], abs=1e-12)
 
 
+def test_bonds_are_drawn_until_they_break():
+    pair = pm.Packing([[1.0, 2.0], [2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    bond = pm.Bonds([0], [1], [[0, 0]], [1.0], breaks_at=pm.BondLimits(tension=0.02))
+    bonded = pm.Scene(pair, (pm.Repulsion(), bond))
+    apart = [[-0.05, 0.0], [0.05, 0.0]]
+    run = pm.simulate(bonded, duration=1.0, velocity_nd=apart, trace_every=1, trace_positions=True)
+    trajectory = trajectory_of_run(run, bonded, 100)
+    drawn = [len(draw_moving(frame, trajectory.effects).bond_sed) for frame in trajectory.frames]
+    step = int(run.broken_bonds.step_e[0])
+    assert step > 1 and drawn == [1] * step + [0] * (run.steps + 1 - step)
+
+
 def test_a_box_sheared_far_is_drawn_with_short_vectors_and_lines_still_end_on_discs():
     far = pm.simulate(
         scene(), steps=60, dt=0.02, applied_strain=pm.SteadyStrain(4.0), trace_every=60, trace_positions=True
