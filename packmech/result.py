@@ -24,7 +24,6 @@ STAGE_HEADINGS = ("step", "residual", "force evaluations", "CPU s", "")
 _REPORT_NOTES = {
     "packing_fraction": "rattlers included",
     "jamming_packing_fraction": "of the hard packing, rattlers included",
-    "onset_between": "packing fractions without overlaps, and under pressure",
     "pressure": "energy_scale / diameter^{d}",
     "pressure_asked": "energy_scale / diameter^{d}",
     "contacts": "between particles that are no rattlers",

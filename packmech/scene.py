@@ -174,6 +174,7 @@ _rows = partial(_tuple, of=_numbers, words="tuples of numbers, one a particle")
 # what the fields of drives must be; None is let pass where it is the default
 _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "amplitude": positive,
+    "answer": positive,
     "applied_strain": positive,
     "axes": _axes,
     "blocks": partial(integer, at_least=2),
@@ -195,6 +196,7 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "post_periods": _not_negative,
     "pre_periods": _not_negative,
     "pressure": positive,
+    "pressure_tolerance": positive,
     "rate": _not_zero,
     "rates": partial(_tuple, of=positive, words="shear rates", empty=False),
     "relative_frequency": positive,
@@ -206,6 +208,7 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "skip_strain": _not_negative,
     "spins": _rows,
     "step": positive,
+    "step_limit": _count,
     "steps": _count,
     "strain": partial(one_of, choices=("isotropic", "free")),
     "stress": _not_zero,
@@ -327,12 +330,13 @@ class SettleDrive:
 
     Parameters
     ----------
-    force_tolerance
-        What pm.settle takes [1].
+    force_tolerance, step_limit
+        What pm.settle takes: the largest net force over the mean contact force [1], and the most time steps.
 
     """
 
     force_tolerance: float = 1e-6
+    step_limit: int = 20_000_000
     examined_strain: ClassVar[str] = "isotropic"
 
     def __post_init__(self) -> None:
@@ -471,8 +475,8 @@ class ShearAtPressureDrive:
 
     Parameters
     ----------
-    rate, pressure, applied_strain, skip_strain, blocks, axes, dt
-        What pm.shear_at_pressure takes.
+    rate, pressure, applied_strain, skip_strain, blocks, axes, answer, pressure_tolerance, dt
+        What pm.shear_at_pressure takes: the rate [1/time] and the pressure [energy/length^d].
 
     """
 
@@ -482,6 +486,8 @@ class ShearAtPressureDrive:
     skip_strain: float = 1.0
     blocks: int = 8
     axes: tuple[int, int] = (0, 1)
+    answer: float = 10.0
+    pressure_tolerance: float = 0.1
     dt: float | None = None
 
     def __post_init__(self) -> None:

@@ -240,6 +240,7 @@ def pair_rows(
     column = np.concatenate([i_c[:, None] * q + np.arange(q), j_c[:, None] * q + np.arange(q)], axis=1)
     kept = data != 0.0
     start = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
-    matrix = sp.csr_array((data[kept], column[kept], start), shape=(len(i_c), size))
+    rows = data[kept], column[kept].astype(np.int32), start.astype(np.int32)
+    matrix = sp.csr_array(rows, shape=(len(i_c), size))
     matrix.has_canonical_format = True
     return matrix

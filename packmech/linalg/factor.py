@@ -354,6 +354,8 @@ def _superlu(matrix: _Stored, known: _Analyzed | None) -> _Found:
     if not np.array_equal(factor.perm_r, factor.perm_c):
         raise _Failed("pivots off the diagonal")
     pivot = factor.U.diagonal()
+    if not np.isfinite(pivot).all():
+        raise _Failed("a pivot that is not finite")
     inertia = _inertia(pivot, matrix.scale[np.argsort(factor.perm_c)])
     growth = 1.0 if inertia.positive == len(pivot) else _growth(factor.L, pivot, matrix.scale)
     return inertia, growth, factor.solve, None

@@ -202,7 +202,8 @@ class Assembled:
         start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=particles))]).astype(np.int32)
         diagonal = self.diagonal_nqq
         if extra_f is not None:
-            diagonal = diagonal + extra_f.reshape(particles, q, 1) * np.eye(q)
+            diagonal = diagonal.copy()
+            diagonal[:, range(q), range(q)] += extra_f.reshape(particles, q)
         blocks = np.concatenate([lower, diagonal, self.upper_pqq])[order]
         rows = blocks, column[order].astype(np.int32), start
         whole = sp.bsr_array(rows, shape=(particles * q, particles * q)).tocsr()

@@ -141,7 +141,7 @@ class StepHalving(JamMethod):
         first = protocol.scene.packing
         fraction = protocol.start_fraction(self.start_packing_fraction, _HALVING_START)
         packing = at_packing_fraction(first, fraction)
-        change, side = self.increment, 0
+        change, side, below = self.increment, 0, None
         outcome = Outcome.STEP_LIMIT
         # V_min far below V_tol: a packing whose forces have fallen this low is taken as unjammed
         floor = 1e-2 * float(np.sqrt(self.energy_tolerance))
@@ -158,8 +158,8 @@ class StepHalving(JamMethod):
                     outcome = Outcome.CONVERGED
                     break
                 now = 1 if energy >= 2.0 * self.energy_tolerance else -1
-                if now < 0 and first.plain:
-                    protocol.report["unjammed_packing"] = set_apart(packing)
+                if now < 0:
+                    below = packing
                 if side and now != side:
                     change *= 0.5
                 side = now
@@ -172,6 +172,8 @@ class StepHalving(JamMethod):
         protocol.report["energy_per_particle"] = energy
         protocol.report["compression_steps"] = number + 1
         protocol.report["jamming_packing_fraction"] = packing_fraction(packing)
+        if first.plain:
+            protocol.report["unjammed_packing"] = set_apart(packing if below is None else below)
         if outcome.ok and protocol.strain == "free":
             return self._stabilized(protocol, packing)
         if outcome.ok and stability(protocol.scene.replace(packing=packing)).negative:

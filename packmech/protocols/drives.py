@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -44,7 +44,8 @@ def _shear_stabilize(drive: ShearStabilizeDrive, scene: Scene, *, progress: Prog
 
 
 def _settle(drive: SettleDrive, scene: Scene, *, progress: Progress) -> Run:
-    return settle(scene, force_tolerance=drive.force_tolerance, progress=progress, check=False)
+    named = {field.name: getattr(drive, field.name) for field in fields(drive)}
+    return settle(scene, **named, progress=progress, check=False)
 
 
 def _cement(drive: CementDrive, scene: Scene, *, progress: Progress) -> Run:

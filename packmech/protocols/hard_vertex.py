@@ -235,10 +235,17 @@ def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64
     return hard
 
 
-def set_apart(packing: Packing) -> Packing:
-    """Return the packing of discs or spheres with its box grown until no particles overlap, by no more than that."""
+def set_apart(packing: Packing) -> Packing | None:
+    """Return the packing of discs or spheres with its box grown until no particles overlap; None where they do so far.
+
+    Beyond the largest overlap it grows by no more than rounding asks for.
+    """
+    slack = np.finfo(float).eps
     while (overlap := largest_overlap(packing)) is not None:
-        packing = scale_box(packing, (1.0 + 2.0 * np.finfo(float).eps) / (1.0 - overlap.relative))
+        if overlap.relative > 0.1:
+            return None
+        packing = scale_box(packing, (1.0 + slack) / (1.0 - overlap.relative))
+        slack *= 2.0
     return packing
 
 
@@ -246,11 +253,11 @@ def _report_hard_packing(protocol: Protocol, hard: HardPacking) -> None:
     """Put the figures of the hard packing into the report."""
     restored = protocol.restored(hard.packing)
     protocol.last = restored
-    protocol.report["unjammed_packing"] = set_apart(restored)
     protocol.report.pop("not_certified", None)
     protocol.report.update(
         jamming_packing_fraction=packing_fraction(restored),
         hard_packing=restored,
+        unjammed_packing=None if hard.floppy_modes else set_apart(restored),
         hard_contacts=len(hard.contacts),
         hard_excess_contacts=hard.excess,
         floppy_modes=hard.floppy_modes,

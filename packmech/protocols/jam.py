@@ -127,9 +127,10 @@ def jam(
         rounding of positions alone can cause), backbone_pressure (the part of the pressure between particles that do
         not rattle; below .99 the outcome is NOT_JAMMED; with links 0 or 1, whether there are such contacts), method,
         strain, start ("continued", "rearranged" or "fresh"), and, where a hard packing was found, hard_packing,
-        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. Of discs and spheres both sides
-        of the onset are held: unjammed_packing, the one nearby in which no particles overlap, and onset_between, its
-        packing fraction and that of the packing that is returned, which presses. With links in two dimensions
+        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. Where a hard
+        packing was found, and of discs and spheres by StepHalving, both sides of the onset are held: unjammed_packing,
+        the one nearby in which no particles overlap, and onset_between, its packing fraction and that of the packing
+        that is returned, which presses. With links in two dimensions
         also crossing_links: pairs that cross are locked, press at any pressure and add states of self stress. Of a
         packing that is followed: rearrangements on the way (none where `start` is "continued"), contacts_closed and
         contacts_opened, and onset_rearrangements, on the way down to the hard packing; Press and StepHalving cannot

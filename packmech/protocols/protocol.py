@@ -412,14 +412,24 @@ def finish(
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if report["contacts"] else 0
     outcome = judged(protocol, packing, outcome, residual, report, share)
-    if outcome.ok and outcome is not Outcome.UNJAMMED and "unjammed_packing" in report:
-        report["onset_between"] = packing_fraction(report["unjammed_packing"]), report["packing_fraction"]
     # a particle that its contacts do not hold must bear no force, but for what is not balanced
     allowed = max(protocol.force_tolerance, 10.0 * residual) * found.mean_force
     pressed = plain and float(np.abs(found.normal_c[loose_c]).max(initial=0.0)) > allowed
     if pressed and outcome.ok and outcome is not Outcome.UNJAMMED:
         outcome = Outcome.UNSTABLE
+    _add_onset(report, outcome)
     return run_of(protocol, packing, outcome, residual, report, began)
+
+
+def _add_onset(report: dict[str, Any], outcome: Outcome) -> None:
+    """Report both sides of the onset of jamming where they are sides of one packing, else neither."""
+    apart = report.pop("unjammed_packing", None)
+    same = outcome.ok and outcome is not Outcome.UNJAMMED and not report.get("onset_rearrangements")
+    if apart is None or not same:
+        return
+    low, high = packing_fraction(apart), report["packing_fraction"]
+    if low < high:
+        report |= {"unjammed_packing": apart, "onset_between": (low, high)}
 
 
 def report_of(

@@ -301,7 +301,14 @@ class _PressureShearing:
             if not self.spans.advance(rate_dd, self.steps_of_span):
                 return Outcome.STEP_TOO_LONG
             self._keep()
-            loop.report(STAGE, strain=self.rows[-1][0], stress=self.rows[-1][1], packing_fraction=self.rows[-1][3])
+            figures: dict[str, Any] = {
+                "strain": self.rows[-1][0],
+                "stress": self.rows[-1][1],
+                "packing_fraction": self.rows[-1][3],
+            }
+            if loop.watched:
+                figures["packing"] = self.spans.scene.packing
+            loop.report(STAGE, **figures)
         return Outcome.FINISHED
 
     def _approach(self) -> None:

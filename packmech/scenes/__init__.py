@@ -58,7 +58,7 @@ def run(
     integer("frames", frames, at_least=0)
     check_progress(progress)
     if checkpoint is not None and not takes_checkpoint(scene):
-        raise ValueError(f"checkpoint must be left out for a drive that does not step through time, got {checkpoint!r}")
+        raise ValueError(f"checkpoint must be left out for a drive that keeps none, got {checkpoint!r}")
     wanted = {
         "frames": frames,
         "progress": progress,

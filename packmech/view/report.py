@@ -512,7 +512,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
     if "onset_between" in numbers:
         low, high = numbers["onset_between"]
-        note = f"no particles overlap at the lower packing fraction, all press at the one {high - low:.1e} above"
+        note = f"no overlaps at the first; under pressure at the second, {high - low:.1e} above"
         rows.append(("onset between", f"{low:.10f}, {high:.10f}", note))
     rows += [
         *_sizes_row(numbers),

@@ -119,7 +119,7 @@ def test_a_checkpoint_of_another_scene_is_refused(folder):
 
 def test_a_checkpoint_is_refused_where_nothing_is_strained(folder):
     (folder / "rest.toml").write_text(CRYSTAL + 'kind = "quench"\n')
-    with pytest.raises(ValueError, match="checkpoint must be left out for a drive that does not step through time"):
+    with pytest.raises(ValueError, match="checkpoint must be left out for a drive that keeps none"):
         run("rest.toml", "--checkpoint", "mine.npz")
 
 

@@ -94,7 +94,6 @@ def test_both_sides_of_the_onset_are_held(strain, fixed, free):
     run = fixed if strain == "isotropic" else free
     apart, (low, high) = run.report["unjammed_packing"], run.report["onset_between"]
     assert len(pm.find_contacts(apart)) == 0
-    assert (low, high) == (pm.packing_fraction(apart), pm.packing_fraction(run.packing))
     onset = run.report["jamming_packing_fraction"]
     assert onset - 1e-12 < low <= onset < high
     # the pressure of the packing is the bulk modulus times the way from the onset: the bracket is as wide as that
@@ -102,12 +101,20 @@ def test_both_sides_of_the_onset_are_held(strain, fixed, free):
     assert np.log(high / low) * modulus == pytest.approx(pm.pressure(start().replace(packing=run.packing)), rel=0.05)
 
 
-def test_step_halving_holds_the_last_packing_that_did_not_press():
+def test_step_halving_holds_a_packing_that_does_not_press_and_is_as_near_as_its_energy():
     run = pm.jam(start(), strain="isotropic", method=pm.StepHalving(increment=1e-3, energy_tolerance=1e-12))
     apart, (low, high) = run.report["unjammed_packing"], run.report["onset_between"]
     assert len(pm.find_contacts(apart)) == 0
-    assert low == pm.packing_fraction(apart)
-    assert 0.0 < high - low < 1e-3
+    # energies of 1e-12 are overlaps of 1e-6
+    assert 0.0 < high - low < 1e-5
+
+
+@pytest.mark.parametrize("method", [pm.HardVertex(quench_steps=10, iteration_limit=1), pm.StepHalving(step_limit=1)])
+def test_what_is_not_jammed_has_no_bracket(method):
+    run = pm.jam(start(), strain="isotropic", method=method, check=False)
+    assert not run.ok
+    assert "onset_between" not in run.report
+    assert "unjammed_packing" not in run.report
 
 
 @pytest.mark.parametrize("strain", ["isotropic", "free"])

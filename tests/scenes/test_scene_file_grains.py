@@ -9,7 +9,7 @@ import packmech as pm
 from packmech.cli import execute
 
 
-def test_a_pile_stands_on_its_floor_and_is_no_wider_than_that():
+def test_a_pile_stands_on_its_floor_under_its_whole_weight():
     scene = pm.read_scene("pile")
     run = pm.run(scene)
     assert run.ok
@@ -20,9 +20,19 @@ def test_a_pile_stands_on_its_floor_and_is_no_wider_than_that():
     weight = 1e-4 * run.packing.mass_n[~floor].sum()
     # the floor holds up the whole weight, and pushes nothing aside
     assert found.force_cd[on_floor].sum(axis=0) == pytest.approx([0.0, weight], abs=1e-4 * weight)
-    height = run.packing.position_nd[~floor, 1]
-    assert height.min() > 0.5
-    assert height.max() < 0.6 * scene.packing.position_nd[:, 1].max()
+    # the slope of the surface of a collapsed column is below the angle of friction, arctan(.5) = 26.6 degrees
+    x, y = run.packing.position_nd[~floor].T
+    distance = np.arange(2, 14, 2)
+    height = [y[abs(x - x.mean()) > far].max() for far in distance]
+    assert 8.0 < np.degrees(np.arctan(-np.polyfit(distance, height, 1)[0])) < 26.6
+
+
+def test_the_command_runs_a_pile(tmp_path, capsys):
+    assert execute(["run", "pile", "--json", str(tmp_path / "pile.json"), "--set=drive.force_tolerance=1e-3"]) == 0
+    told = json.loads((tmp_path / "pile.json").read_text())
+    assert told["particles"] == 260
+    assert told["force_residual"] < 1e-3
+    assert "coordination number" in capsys.readouterr().out
 
 
 def test_the_drive_at_constant_pressure_is_the_call_with_its_fields(tmp_path, capsys):
