@@ -21,7 +21,7 @@ from packmech_envs.turned import ObservedOrientations
 
 __all__ = ["REWARDS", "TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
 
-TERMS = ("reward_distance", "reward_evaluations", "reward_stability", "reward_progress")
+TERMS = ("reward_distance", "reward_evaluations", "reward_stability", "reward_progress", "reward_steps")
 ACTIONS = ("continuous", "steps")
 INFOS = (
     "packing_fraction", "energy", "pressure", "shear_strain", "force_evaluations", "relaxed", "jammed", *TERMS,
@@ -64,8 +64,10 @@ class QuenchReward(NamedTuple):
         On a result that was verified to be jammed, which ends the episode.
     progress_weight
         On the decades that the step came nearer to jamming; those it went away count against. What an episode gains by
-        it depends on its start and end alone: a potential, as of Ng, Harada and Russell, ICML (1999), which changes no
-        ranking of policies that end jammed, whatever way they take. It tells a learner after every step.
+        it depends on its start and end alone, as of a potential (Ng, Harada and Russell, 1999). Discount aside it ranks
+        no way to a jammed packing above another. It tells a learner after every step.
+    step_weight
+        On every step, which counts against. A cost of force evaluations alone can be saved by never compressing.
 
     Examples
     --------
@@ -78,6 +80,7 @@ class QuenchReward(NamedTuple):
     evaluation_weight: float = 0.1
     stability_weight: float = 5.0
     progress_weight: float = 0.0
+    step_weight: float = 0.0
 
     @staticmethod
     def distance(pressure_b: NDArray[np.float64], largest_pressure: float) -> NDArray[np.float64]:
@@ -112,6 +115,7 @@ class QuenchReward(NamedTuple):
             self.evaluation_weight * -(evaluations_b / _EVALUATIONS),
             self.stability_weight * jammed_b.astype(np.float64),
             self.progress_weight * progress_b,
+            np.full(len(jammed_b), -self.step_weight, dtype=np.float64),
         )
         return dict(zip(TERMS, values, strict=True))
 
@@ -119,7 +123,7 @@ class QuenchReward(NamedTuple):
 # the rewards that have a name
 REWARDS = {
     "distance": QuenchReward(),
-    "progress": QuenchReward(distance_weight=0.0, evaluation_weight=0.3, progress_weight=1.0),
+    "progress": QuenchReward(distance_weight=0.0, progress_weight=1.0, step_weight=0.1),
 }
 
 
@@ -156,7 +160,8 @@ class QuenchTask:
         exact from the start.
     largest_change, largest_strain, smallest_change
         Largest change of the packing fraction and largest shear strain of an action, and the size up to which actions
-        are on a linear scale and below which no step is; the latter unless given a tenth of largest_pressure.
+        are on a linear scale; the latter unless given a tenth of largest_pressure. With actions="steps" no step is
+        smaller, and unless given it is largest_pressure itself: harmonic discs change theirs by a fourth of a step.
     largest_pressure
         Up to which a packing may count as jammed [pressure unit]; None: 0.1 / N^2, where pressure closes few gaps yet.
     verdict
@@ -275,7 +280,7 @@ class QuenchEpisodes:
             0.1 / packing.particles**2 if task.largest_pressure is None else float(task.largest_pressure)
         )
         self.smallest_change = (
-            min(0.1 * self.largest_pressure, task.largest_change)
+            min((1.0 if task.actions == "steps" else 0.1) * self.largest_pressure, task.largest_change)
             if task.smallest_change is None
             else float(task.smallest_change)
         )
@@ -314,7 +319,7 @@ class QuenchEpisodes:
         self.action_names: tuple[str, ...]
         self.action_space: gym.spaces.Box[np.float64] | gym.spaces.MultiDiscrete[Any]
         if task.actions == "steps":
-            self._sizes = 1 + int(math.log2(max(task.largest_change / self.smallest_change, 1.0)))
+            self._sizes = 1 + int(math.log2(max(task.largest_change / self.smallest_change, 1.0)) + 1e-9)
             self.action_names = ("compress", "halvings")
             self.action_space = gym.spaces.MultiDiscrete([2, self._sizes])
         else:

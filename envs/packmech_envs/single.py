@@ -163,9 +163,9 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
 
     d is the reference diameter and energy_scale / d^dimension the pressure unit.
 
-    **Reward**: the sum of four terms, see `QuenchReward`, each in info under its name: "reward_distance" from jamming,
-    "reward_evaluations", the force evaluations spent, "reward_stability" of the result, and "reward_progress" towards
-    it, whose weight is zero unless reward="progress".
+    **Reward**: the sum of its terms, see `QuenchReward`, each in info under its name: "reward_distance" from jamming,
+    "reward_evaluations", the force evaluations spent, "reward_stability" of the result; with reward="progress" not the
+    distance but "reward_progress", what the step came nearer, and "reward_steps", the same cost for every step.
 
     **To learn**, give actions="steps", bracket=True, reward="progress": then the defaults of a learner do. Bisection by
     what is observed, half of the bracket at a time, ends jammed after 11 steps.
