@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, MultiDiscrete
 from numpy.typing import NDArray
 
 import packmech as pm
@@ -41,7 +41,7 @@ class Episodes(Protocol):
     Attributes
     ----------
     observation_space, action_space
-        Those of one packing, float64; the names say what their numbers are.
+        Those of one packing: float64, or an action of whole numbers; the names say what their numbers are.
     task
         The options, a record.
     observation_bk
@@ -50,11 +50,14 @@ class Episodes(Protocol):
     """
 
     observation_space: Box[np.float64]
-    action_space: Box[np.float64]
     observation_names: tuple[str, ...]
     action_names: tuple[str, ...]
     task: Any
     observation_bk: NDArray[np.float64]
+
+    @property
+    def action_space(self) -> Box[np.float64] | MultiDiscrete[Any]:
+        """The space of one packing's actions."""
 
     @property
     def reward_b(self) -> NDArray[np.float64]:
@@ -88,18 +91,23 @@ class Episodes(Protocol):
 
 
 class Actions:
-    """The actions in a box of float64 numbers; every check is a few comparisons.
+    """The actions in a box of float64 numbers, or of whole numbers; every check is a few comparisons.
 
     Parameters
     ----------
     space
-        The space of a single action: a row of numbers between finite bounds.
+        The space of a single action: a row of numbers between finite bounds, or a row of choices.
 
     """
 
-    def __init__(self, space: Box) -> None:
+    def __init__(self, space: Box[Any] | MultiDiscrete[Any]) -> None:
         self.shape = space.shape
-        self.low_k, self.high_k = space.low.astype(np.float64), space.high.astype(np.float64)
+        self.whole = isinstance(space, MultiDiscrete)
+        if isinstance(space, MultiDiscrete):
+            low, high = space.start, space.start + space.nvec - 1
+        else:
+            low, high = space.low, space.high
+        self.low_k, self.high_k = low.astype(np.float64), high.astype(np.float64)
         slack = _ROUNDING * np.maximum(np.abs(self.low_k), np.abs(self.high_k))
         self._lowest_k, self._highest_k = self.low_k - slack, self.high_k + slack
         bounds = (self.low_k, self.high_k, self._lowest_k, self._highest_k)
@@ -111,7 +119,8 @@ class Actions:
         Raises
         ------
         TypeError, ValueError
-            Not numbers, another shape, not finite, or out of the bounds by more than the rounding to float32.
+            Not numbers, another shape, not finite, out of the bounds by more than the rounding to float32, or not whole
+            where choices are asked for.
 
         """
         given = action
@@ -122,8 +131,8 @@ class Actions:
         exact = True
         for k, value in enumerate(given.tolist()):
             low, high, lowest, highest = self._bounds[k]
-            if not low <= value <= high:
-                if not lowest <= value <= highest:
+            if not low <= value <= high or (self.whole and not value.is_integer()):
+                if self.whole or not lowest <= value <= highest:
                     raise ValueError(self._outside(k, value, ""))
                 exact = False
         # functions of numpy cost microseconds
@@ -144,6 +153,8 @@ class Actions:
         if given.shape != shape:
             raise ValueError(f"actions must have shape {shape}, got {given.shape}")
         inside = (given >= self._lowest_k) & (given <= self._highest_k)
+        if self.whole:
+            inside &= given == np.floor(given)
         if not inside.all() and (~inside[active_b]).any():
             b, k = np.argwhere(~inside & active_b[:, None])[0].tolist()
             raise ValueError(self._outside(k, float(given[b, k]), f" for environment {b}"))
@@ -151,7 +162,8 @@ class Actions:
         return np.asarray(np.where(active_b[:, None], held, 0.0))
 
     def _outside(self, k: int, value: float, where: str) -> str:
-        return f"action[{k}] must lie between {self.low_k[k]:g} and {self.high_k[k]:g}, got {value!r}{where}"
+        what = "be a whole number" if self.whole else "lie"
+        return f"action[{k}] must {what} between {self.low_k[k]:g} and {self.high_k[k]:g}, got {value!r}{where}"
 
 
 def _numbers(action: Any) -> NDArray[np.float64]:

@@ -19,9 +19,10 @@ from packmech_envs.episodes import Infos, reset_options
 from packmech_envs.tasks import LEFT_OUT, boolean, budget, one_of, positive, quenchable, real, scene_of
 from packmech_envs.turned import ObservedOrientations
 
-__all__ = ["TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
+__all__ = ["REWARDS", "TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
 
-TERMS = ("reward_distance", "reward_evaluations", "reward_stability")
+TERMS = ("reward_distance", "reward_evaluations", "reward_stability", "reward_progress", "reward_steps")
+ACTIONS = ("continuous", "steps")
 INFOS = (
     "packing_fraction", "energy", "pressure", "shear_strain", "force_evaluations", "relaxed", "jammed", *TERMS,
 )  # fmt: skip
@@ -40,6 +41,14 @@ _LARGEST_STRESS, _LARGEST_EXCESS = 1e4, 50.0
 _STARTS = {(2, False): (0.7, 0.8), (3, False): (0.5, 0.6), (2, True): (0.4, 0.5), (3, True): (0.3, 0.4)}
 
 
+def pressed(pressure_b: NDArray[np.float64], largest_pressure: float) -> NDArray[np.bool_]:
+    """Return which pressures are observed: those within two decades of the largest that counts as jammed, and above.
+
+    Contacts that merely touch below jamming keep less, as the relaxation ends at a tolerance.
+    """
+    return np.asarray(pressure_b > largest_pressure * 10.0**-_DECADES_BELOW)
+
+
 class QuenchReward(NamedTuple):
     """Weights of the terms of the reward of Quench-v0; the reward is their sum.
 
@@ -47,11 +56,18 @@ class QuenchReward(NamedTuple):
     ----------
     distance_weight
         On the decades from jamming after the step, which count against: those of the pressure above the largest that
-        counts as jammed, 4 at pressure zero. They count step by step, so that it pays to get there soon.
+        counts as jammed, 4 where the pressure is too low to be observed, a hundredth of it. They count step by step,
+        so that it pays to get there soon.
     evaluation_weight
         On every thousand force evaluations spent, which count against.
     stability_weight
         On a result that was verified to be jammed, which ends the episode.
+    progress_weight
+        On the decades that the step came nearer to jamming; those it went away count against. What an episode gains by
+        it depends on its start and end alone, as of a potential (Ng, Harada and Russell, 1999). Discount aside it ranks
+        no way to a jammed packing above another. It tells a learner after every step.
+    step_weight
+        On every step, which counts against. A cost of force evaluations alone can be saved by never compressing.
 
     Examples
     --------
@@ -63,19 +79,22 @@ class QuenchReward(NamedTuple):
     distance_weight: float = 0.25
     evaluation_weight: float = 0.1
     stability_weight: float = 5.0
+    progress_weight: float = 0.0
+    step_weight: float = 0.0
 
     @staticmethod
     def distance(pressure_b: NDArray[np.float64], largest_pressure: float) -> NDArray[np.float64]:
         """Return the decades from jamming, by pressures and the largest pressure that counts as jammed."""
         with np.errstate(divide="ignore", invalid="ignore"):
             decades = np.maximum(np.log10(pressure_b / largest_pressure), 0.0)
-        return np.where(pressure_b > 0.0, decades, _UNJAMMED)
+        return np.where(pressed(pressure_b, largest_pressure), decades, _UNJAMMED)
 
     def terms(
         self,
         distance_b: NDArray[np.float64],
         evaluations_b: NDArray[np.int64],
         jammed_b: NDArray[np.bool_],
+        progress_b: NDArray[np.float64],
     ) -> dict[str, NDArray[np.float64]]:
         """Return the terms of a step, weighted, by name.
 
@@ -87,14 +106,25 @@ class QuenchReward(NamedTuple):
             (B,) force evaluations of the step.
         jammed_b
             (B,) whether the packing was verified to be jammed.
+        progress_b
+            (B,) distances before the step less those after it.
 
         """
         values = (
             self.distance_weight * -distance_b,
             self.evaluation_weight * -(evaluations_b / _EVALUATIONS),
             self.stability_weight * jammed_b.astype(np.float64),
+            self.progress_weight * progress_b,
+            np.full(len(jammed_b), -self.step_weight, dtype=np.float64),
         )
         return dict(zip(TERMS, values, strict=True))
+
+
+# the rewards that have a name
+REWARDS = {
+    "distance": QuenchReward(),
+    "progress": QuenchReward(distance_weight=0.0, progress_weight=1.0, step_weight=0.1),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,21 +154,29 @@ class QuenchTask:
         A number, or a pair between which it is drawn; None: below jamming; for start="scene" that of the packing.
     packing_fraction_limits
         (low, high) between which steps keep the packing fraction; None: those of `pm.QuenchBatch`.
+    actions
+        "continuous": two numbers, a change of the packing fraction and a shear strain, from smallest to largest on a
+        logarithmic scale. "steps": a direction and a size among a few, and no strain; for learners, which so can be
+        exact from the start.
     largest_change, largest_strain, smallest_change
         Largest change of the packing fraction and largest shear strain of an action, and the size up to which actions
-        are on a linear scale; the latter unless given a tenth of largest_pressure.
+        are on a linear scale; the latter unless given a tenth of largest_pressure. With actions="steps" no step is
+        smaller, and unless given it is largest_pressure itself: harmonic discs change theirs by a fourth of a step.
     largest_pressure
         Up to which a packing may count as jammed [pressure unit]; None: 0.1 / N^2, where pressure closes few gaps yet.
     verdict
         "collective" or "strict": which verdict ends an episode.
     shear_modulus
         Whether it is observed.
+    bracket
+        Whether the bracket of jamming is observed: between which packing fractions pressure appeared or vanished last.
     orientations
         Whether each particle's direction is observed, beside the order tensor of all; for shapes only.
     step_budget, evaluation_budget
         Steps and force evaluations of an episode; None: no end.
     reward
-        The weights of the reward.
+        "distance": each step costs its distance from jamming; "progress": it pays what it came nearer, which learners
+        find more easily; or a QuenchReward with weights of your own.
 
     Raises
     ------
@@ -161,23 +199,27 @@ class QuenchTask:
     start: str = "random"
     start_packing_fraction: float | tuple[float, float] | None = None
     packing_fraction_limits: tuple[float, float] | None = None
+    actions: str = "continuous"
     largest_change: float = 0.05
     smallest_change: float | None = None
     largest_strain: float = 0.05
     largest_pressure: float | None = None
     verdict: str = "collective"
     shear_modulus: bool = False
+    bracket: bool = False
     orientations: bool = False
     step_budget: int | None = 40
     evaluation_budget: int | None = 50_000
-    reward: QuenchReward = QuenchReward()
+    reward: str | QuenchReward = "distance"
 
     def __post_init__(self) -> None:
         one_of("bonds", self.bonds, LEFT_OUT)
         one_of("friction", self.friction, LEFT_OUT)
         one_of("start", self.start, ("random", "scene"))
+        one_of("actions", self.actions, ACTIONS)
         one_of("verdict", self.verdict, ("collective", "strict"))
         boolean("shear_modulus", self.shear_modulus)
+        boolean("bracket", self.bracket)
         boolean("orientations", self.orientations)
         for name in ("largest_change", "largest_strain", "largest_pressure", "smallest_change"):
             if getattr(self, name) is not None or name in ("largest_change", "largest_strain"):
@@ -189,10 +231,13 @@ class QuenchTask:
             )
         budget("step_budget", self.step_budget)
         budget("evaluation_budget", self.evaluation_budget)
-        if not isinstance(self.reward, QuenchReward):
-            raise TypeError(f"reward must be a QuenchReward, got {self.reward!r:.60}")
-        for name, weight in self.reward._asdict().items():
-            real(f"reward.{name}", weight)
+        if isinstance(self.reward, QuenchReward):
+            for name, weight in self.reward._asdict().items():
+                real(f"reward.{name}", weight)
+        elif isinstance(self.reward, str):
+            one_of("reward", self.reward, tuple(REWARDS))
+        else:
+            raise TypeError(f"reward must be a QuenchReward or a name such as 'progress', got {self.reward!r:.60}")
         given = self.start_packing_fraction
         if isinstance(given, tuple | list):
             if len(given) != 2:
@@ -227,6 +272,7 @@ class QuenchEpisodes:
 
     def __init__(self, count: int, scene: Any, task: QuenchTask, threads: int = 1) -> None:
         self.task = task
+        self._reward = REWARDS[task.reward] if isinstance(task.reward, str) else task.reward
         given = default_scene() if scene is None else scene_of(scene)
         self._scene = quenchable(given, bonds=task.bonds, friction=task.friction)
         packing = self._scene.packing
@@ -234,7 +280,7 @@ class QuenchEpisodes:
             0.1 / packing.particles**2 if task.largest_pressure is None else float(task.largest_pressure)
         )
         self.smallest_change = (
-            min(0.1 * self.largest_pressure, task.largest_change)
+            min((1.0 if task.actions == "steps" else 0.1) * self.largest_pressure, task.largest_change)
             if task.smallest_change is None
             else float(task.smallest_change)
         )
@@ -261,14 +307,24 @@ class QuenchEpisodes:
         if task.shear_modulus:
             names.append("shear_modulus")
             bounds.append((-_LARGEST_STRESS, _LARGEST_STRESS))
+        if task.bracket:
+            names.append("log_bracket")
+            bounds.append((math.log10(self.smallest_change), 0.0))
         self._turned = ObservedOrientations(packing, task.orientations)
         names += self._turned.names
         bounds += self._turned.bounds
         self.observation_names = tuple(names)
-        self.action_names: tuple[str, ...] = ("packing_fraction_change", "shear_strain")
         self._low_k, self._high_k = np.array(bounds).T.copy()
         self.observation_space: gym.spaces.Box[np.float64] = gym.spaces.Box(self._low_k, self._high_k, dtype=np.float64)
-        self.action_space: gym.spaces.Box[np.float64] = gym.spaces.Box(-1.0, 1.0, (2,), dtype=np.float64)
+        self.action_names: tuple[str, ...]
+        self.action_space: gym.spaces.Box[np.float64] | gym.spaces.MultiDiscrete[Any]
+        if task.actions == "steps":
+            self._sizes = 1 + int(math.log2(max(task.largest_change / self.smallest_change, 1.0)) + 1e-9)
+            self.action_names = ("compress", "halvings")
+            self.action_space = gym.spaces.MultiDiscrete([2, self._sizes])
+        else:
+            self.action_names = ("packing_fraction_change", "shear_strain")
+            self.action_space = gym.spaces.Box(-1.0, 1.0, (2,), dtype=np.float64)
         self.observation_bk = np.zeros((count, len(names)))
         self.reward_b = np.zeros(count)
         self.terminated_b = np.zeros(count, dtype=bool)
@@ -276,6 +332,9 @@ class QuenchEpisodes:
         self._steps_b = np.zeros(count, dtype=np.int64)
         self._evaluations_b = np.zeros(count, dtype=np.int64)
         self._terms = dict.fromkeys(TERMS, np.zeros(count))
+        self._distance_b = np.zeros(count)
+        # the packing fractions last seen without and with pressure, between which jamming is; NaN: none
+        self._below_b, self._above_b = np.full(count, np.nan), np.full(count, np.nan)
 
     def __len__(self) -> int:
         return len(self.reward_b)
@@ -298,6 +357,14 @@ class QuenchEpisodes:
         folds = math.log1p(largest / self.smallest_change)
         return np.asarray(np.sign(action_b) * self.smallest_change * np.expm1(np.abs(action_b) * folds))
 
+    def _asked(self, action_bk: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the (B,) changes of the packing fraction and shear strains that actions stand for."""
+        task = self.task
+        if task.actions == "steps":
+            change = np.where(action_bk[:, 0] > 0.0, task.largest_change, -task.largest_change)
+            return np.ldexp(change, -action_bk[:, 1].astype(np.int64)), np.zeros(len(action_bk))
+        return self._size(action_bk[:, 0], task.largest_change), self._size(action_bk[:, 1], task.largest_strain)
+
     def action(self, packing_fraction_change: Any, shear_strain: Any) -> NDArray[np.float64]:
         """Return the action that asks for a change of the packing fraction and a shear strain."""
         asked = (
@@ -309,8 +376,17 @@ class QuenchEpisodes:
             number = real(name, value)
             if abs(number) > largest * (1.0 + 1e-12):
                 raise ValueError(f"{name} must be within {largest:g}, got {number:g}")
+            if self.task.actions == "steps":
+                if (number == 0.0) is (name == "packing_fraction_change"):
+                    required = "other than 0" if name == "packing_fraction_change" else "0"
+                    raise ValueError(f"{name} must be {required} with actions='steps', got {number:g}")
+                continue
             size = math.log1p(abs(number) / self.smallest_change) / math.log1p(largest / self.smallest_change)
             action[k] = math.copysign(min(size, 1.0), number)
+        if self.task.actions == "steps":
+            change = float(packing_fraction_change)
+            halvings = round(math.log2(self.task.largest_change / abs(change)))
+            return np.array([change > 0.0, min(max(halvings, 0), self._sizes - 1)], dtype=np.int64)
         return action
 
     # episodes
@@ -322,7 +398,10 @@ class QuenchEpisodes:
             self.batch.restart(int(b), self._drawn(rng), relax=self.batch.relax == "full")
         index = np.asarray(index_k, dtype=np.int64)
         pressure = self._pressure()
+        self._below_b[index] = self._above_b[index] = np.nan
+        self._close_in(index, pressure)
         self._observe(index, pressure)
+        self._distance_b[index] = self._reward.distance(pressure, self.largest_pressure)[index]
         self._steps_b[index] = 0
         self._evaluations_b[index] = self.batch.force_evaluations_b[index]
         self.truncated_b[index] = False
@@ -348,16 +427,17 @@ class QuenchEpisodes:
     def advance(self, action_bk: NDArray[np.float64], active_b: NDArray[np.bool_]) -> None:
         """Strain and relax the active packings, observe them, and verify those that may be jammed."""
         batch = self.batch
-        change = self._size(action_bk[:, 0], self.task.largest_change)
-        strain = self._size(action_bk[:, 1], self.task.largest_strain)
-        batch.step(change, strain, active_b=active_b)
+        batch.step(*self._asked(action_bk), active_b=active_b)
         index = np.flatnonzero(active_b)
         pressure = self._pressure()
+        self._close_in(index, pressure)
         self._observe(index, pressure)
         self._verify(index, pressure)
-        reward = self.task.reward
-        distance = reward.distance(pressure, self.largest_pressure)
-        self._terms = reward.terms(distance, batch.force_evaluations_b, self.terminated_b)
+        reward = self._reward
+        distance = np.where(self.terminated_b, 0.0, reward.distance(pressure, self.largest_pressure))
+        progress = self._distance_b - distance
+        self._terms = reward.terms(distance, batch.force_evaluations_b, self.terminated_b, progress)
+        self._distance_b[index] = distance[index]
         self.reward_b = np.sum(list(self._terms.values()), axis=0)
         self._steps_b[index] += 1
         self._evaluations_b[index] += batch.force_evaluations_b[index]
@@ -376,6 +456,17 @@ class QuenchEpisodes:
         """Return the pressures [energy_scale / reference_diameter^d], zero where rounding alone may have made them."""
         pressure = self.batch.pressure_b / self._scene.pressure_unit
         return np.where(np.abs(pressure) > _ROUNDING_PRESSURE, pressure, 0.0)
+
+    def _close_in(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
+        """Update the bracket of these packings, by what is seen of them now.
+
+        A packing may rearrange and jam elsewhere than before. A side that the other one passed is forgotten then.
+        """
+        fraction = self.batch.packing_fraction_b[index]
+        high = pressed(pressure_b[index], self.largest_pressure)
+        below, above = self._below_b[index], self._above_b[index]
+        self._below_b[index] = np.where(high, np.where(below < fraction, below, np.nan), fraction)
+        self._above_b[index] = np.where(high, fraction, np.where(above > fraction, above, np.nan))
 
     def _verify(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
         """Set which of these packings are jammed: by cheap figures first, then by the verdict."""
@@ -410,6 +501,9 @@ class QuenchEpisodes:
             for b in index:
                 modulus[b] = self._shear_modulus(int(b), pressure_b)
             columns.append(modulus)
+        if self.task.bracket:
+            width = self._above_b - self._below_b
+            columns.append(np.where(np.isnan(width), 0.0, np.log10(np.fmax(width, self.smallest_change))))
         observation = np.stack(columns, axis=1)
         if self._turned.names:
             turned = np.zeros((len(self), len(self._turned.names)))

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import MultiDiscrete
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 __all__ = ["as_vec_env"]
@@ -69,7 +70,7 @@ def _adapter(base: Any) -> Any:
             return observation.astype(np.float32)
 
         def step_async(self, actions: Any) -> None:
-            self._actions = np.asarray(actions, dtype=np.float64)
+            self._actions = np.asarray(actions)
 
         def step_wait(self) -> Any:
             observation, reward, terminated, truncated, found = self.envs.step(self._actions)
@@ -113,7 +114,9 @@ def _adapter(base: Any) -> Any:
 
 
 def _single(space: Any) -> Any:
-    """Return the space with the numbers of learners, float32."""
+    """Return the space with the numbers of learners: float32, or whole numbers as they are."""
+    if isinstance(space, MultiDiscrete):
+        return space
     return type(space)(space.low.astype(np.float32), space.high.astype(np.float32), dtype=np.float32)
 
 

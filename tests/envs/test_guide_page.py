@@ -82,7 +82,7 @@ def test_the_random_agent_leaves_a_recording_and_pictures(tmp_path, monkeypatch)
 def test_the_agent_learns_for_a_while(tmp_path, monkeypatch):
     pytest.importorskip("stable_baselines3")
     script = scripts()[3]
-    assert "learn(50_000)" in script
-    names = run(script.replace("learn(50_000)", "learn(2_048)"), tmp_path, monkeypatch)
+    assert "learn(65_536)" in script
+    names = run(script.replace("learn(65_536)", "learn(2_048)"), tmp_path, monkeypatch)
     assert names["agent"].num_timesteps >= 2048
-    assert names["actions"].shape == (16, 2)
+    assert names["actions"].shape == (100, 2) and len(names["jammed"]) == 100

@@ -53,8 +53,9 @@ def checked(env):
         {"scene": trimers()},
         {"scene": "triangular", "start": "scene"},
         {"relax": 5, "shear_modulus": True},
+        {"actions": "steps", "bracket": True, "reward": "progress"},
     ],
-    ids=["default", "links", "lattice", "steps"],
+    ids=["default", "links", "lattice", "steps", "to learn"],
 )
 def test_the_checker_passes(arguments):
     checked(gym.make("packmech_envs:packmech/Quench-v0", **arguments))
@@ -138,21 +139,24 @@ def test_a_reset_with_the_same_seed_gives_the_same_bits_alone_and_in_batches(see
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_the_batch_is_so_many_single_environments_through_autoresets(mode):
+@pytest.mark.parametrize(
+    "more", [{}, {"actions": "steps", "bracket": True, "reward": "progress"}], ids=["", "to learn"]
+)
+def test_the_batch_is_so_many_single_environments_through_autoresets(mode, more):
     from gymnasium.vector import AutoresetMode
 
-    arguments = {"scene": discs(), "step_budget": 4, "largest_pressure": 1e-3}
+    arguments = {"scene": discs(), "step_budget": 4, "largest_pressure": 1e-3, **more}
     mine = QuenchVectorEnv(3, **arguments, autoreset_mode=mode)
     theirs = SyncVectorEnv([lambda: QuenchEnv(**arguments)] * 3, autoreset_mode=AutoresetMode(mode))
     rng = np.random.default_rng(1)
     assert np.array_equal(mine.reset(seed=5)[0], theirs.reset(seed=5)[0])
     for _ in range(14):
-        actions = rng.uniform(-1.0, 1.0, (3, 2))
+        actions = rng.integers(0, [2, 5], (3, 2)) if more else rng.uniform(-1.0, 1.0, (3, 2))
         one, other = mine.step(actions), theirs.step(actions)
         for a, b in zip(one[:4], other[:4], strict=True):
             assert np.array_equal(a, b)
         assert set(one[4]) == set(other[4])
-        for name in ("pressure", "reward_distance", "jammed"):
+        for name in ("pressure", "reward_distance", "reward_progress", "jammed"):
             assert (one[4].get(name) is None) == (other[4].get(name) is None)
             if name in one[4]:
                 assert np.array_equal(one[4][name], other[4][name])
@@ -259,6 +263,81 @@ def test_the_reward_is_the_sum_of_its_named_terms_and_weights_scale_them():
         assert info["reward_distance"] == pytest.approx(-0.5 * decades)
 
 
+def test_progress_adds_up_to_the_decades_between_start_and_end_less_the_steps():
+    env = QuenchEnv(discs(), reward=QuenchReward(0.0, 0.0, 0.0, progress_weight=3.0, step_weight=0.5))
+    env.reset(seed=1)
+    gained = [env.step(env.action(change))[1] for change in (0.05, 0.05, 0.02, 0.01)]
+    decades = np.log10(env.run.report["pressure"] / env.largest_pressure)
+    assert decades > 0.0
+    assert sum(gained) == pytest.approx(3.0 * (4.0 - decades) - 4 * 0.5)
+
+
+def test_a_step_changes_the_packing_fraction_by_the_largest_change_halved_so_often():
+    env = QuenchEnv(discs(), actions="steps")
+    env.reset(seed=1)
+    fraction = env.run.report["packing_fraction"]
+    for compress, halvings in ((1, 0), (0, 1), (1, 3), (0, 7)):
+        *_, info = env.step([compress, halvings])
+        now = info["packing_fraction"]
+        assert now - fraction == pytest.approx((2 * compress - 1) * 0.05 / 2**halvings, rel=1e-9)
+        assert info["shear_strain"] == 0.0
+        fraction = now
+    assert 0.05 / 2 ** (env.action_space.nvec[1] - 1) >= env.largest_pressure > 0.05 / 2 ** env.action_space.nvec[1]
+    assert [env.action(change).tolist() for change in (0.05, 0.024, -1e-9)] == [
+        [1, 0],
+        [1, 1],
+        [0, env.action_space.nvec[1] - 1],
+    ]
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        ([2, 0], r"action\[0\] must be a whole number between 0 and 1, got 2.0"),
+        ([1, 0.5], r"action\[1\] must be a whole number between 0 and \d+, got 0.5"),
+    ],
+)
+def test_steps_that_there_are_not_are_refused(action, message):
+    env = QuenchEnv(discs(), actions="steps")
+    env.reset(seed=1)
+    with pytest.raises(ValueError, match=message):
+        env.step(action)
+    envs = QuenchVectorEnv(2, discs(), actions="steps")
+    envs.reset(seed=1)
+    with pytest.raises(ValueError, match=message + " for environment 1"):
+        envs.step([[1, 0], action])
+    with pytest.raises(ValueError, match="packing_fraction_change must be other than 0"):
+        env.action(0.0)
+    with pytest.raises(ValueError, match="shear_strain must be 0 with actions='steps', got 0.01"):
+        envs.action(0.01, 0.01)
+
+
+def test_bisection_by_what_is_observed_ends_every_episode_jammed():
+    envs = QuenchVectorEnv(20, actions="steps", bracket=True, autoreset_mode="Disabled")
+    pressure, bracket = (envs.observation_names.index(name) for name in ("log_pressure", "log_bracket"))
+    none, most = envs.single_observation_space.low[pressure], envs.single_action_space.nvec[1] - 1
+    observation, _ = envs.reset(seed=3)
+    going, jammed, fraction, side, sides = np.ones(20, dtype=bool), np.zeros(20, dtype=bool), None, None, 0
+    while going.any():
+        compress = observation[:, pressure] <= none
+        if side is not None:
+            # where pressure just appeared or vanished, jamming is between the last two packing fractions
+            crossed = going & (compress != side)
+            np.testing.assert_allclose(
+                10.0 ** observation[crossed, bracket], np.abs(observation[:, 0] - fraction)[crossed], rtol=1e-6
+            )
+            sides += crossed.sum()
+        fraction, side = observation[:, 0], compress
+        halvings = np.round(np.log2(0.05 / (0.5 * 10.0 ** observation[:, bracket])))
+        halvings = np.where(observation[:, bracket] == 0.0, 2, np.clip(halvings, 0, most))
+        observation, _, terminated, truncated, info = envs.step(np.stack([compress, halvings], axis=1).astype(int))
+        jammed |= going & terminated & info["jammed"]
+        going &= ~(terminated | truncated)
+        if (terminated | truncated).any():
+            envs.reset(options={"reset_mask": terminated | truncated})
+    assert jammed.all() and sides > 20
+
+
 def test_budgets_truncate():
     env = QuenchEnv(discs(), step_budget=3)
     env.reset(seed=1)
@@ -358,6 +437,9 @@ def test_a_step_before_the_first_reset_is_refused():
         ({"largest_pressure": -1.0}, "largest_pressure must be a positive number"),
         ({"largest_strain": np.nan}, "largest_strain must be a positive number, got nan"),
         ({"verdict": "maybe"}, "verdict must be one of 'collective', 'strict'"),
+        ({"actions": "discrete"}, "actions must be one of 'continuous', 'steps'"),
+        ({"bracket": 1}, "bracket must be True or False"),
+        ({"reward": "nearness"}, "reward must be one of 'distance', 'progress'"),
         ({"shear_modulus": 1}, "shear_modulus must be True or False"),
         ({"step_budget": 0}, "step_budget must be None or an integer at least 1"),
         ({"reward": 3.0}, "reward must be a QuenchReward"),

@@ -49,6 +49,36 @@ def test_ends_of_episodes_are_told_as_learners_ask_for_them():
         assert infos[b]["reward_distance"] == found["final_info"]["reward_distance"][b]
 
 
+def test_choices_reach_the_environment_as_whole_numbers():
+    pytest.importorskip("stable_baselines3")
+    made = QuenchVectorEnv(2, actions="steps", step_budget=3, autoreset_mode="SameStep")
+    envs = as_vec_env(made)
+    assert envs.action_space == made.single_action_space
+    envs.seed(5)
+    before = envs.reset()
+    after, *_ = envs.step(np.array([[1, 1], [0, 2]]))
+    np.testing.assert_allclose(after[:, 0] - before[:, 0], [0.025, -0.0125], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_defaults_of_a_learner_learn_to_jam():
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import VecNormalize
+
+    options = {"actions": "steps", "bracket": True, "reward": "progress", "autoreset_mode": "SameStep"}
+    envs = VecNormalize(as_vec_env(QuenchVectorEnv(1, **options)))
+    agent = PPO("MlpPolicy", envs, seed=14, device="cpu").learn(65_536)
+    new = as_vec_env(QuenchVectorEnv(100, **options))
+    new.seed(1_000_000)
+    observation, jammed = new.reset(), {}
+    while len(jammed) < 100:
+        actions, _ = agent.predict(envs.normalize_obs(observation), deterministic=True)
+        observation, _, done, infos = new.step(actions)
+        jammed = {b: infos[b]["jammed"] for b in np.flatnonzero(done)} | jammed
+    assert sum(jammed.values()) >= 70
+
+
 @pytest.mark.slow
 def test_an_agent_learns_to_jam(monkeypatch):
     pytest.importorskip("stable_baselines3")
