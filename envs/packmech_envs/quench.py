@@ -156,8 +156,8 @@ class QuenchTask:
         (low, high) between which steps keep the packing fraction; None: those of `pm.QuenchBatch`.
     actions
         "continuous": two numbers, a change of the packing fraction and a shear strain, from smallest to largest on a
-        logarithmic scale. "steps": a direction and a size among a few, and no strain; for learners, which so can be
-        exact from the start.
+        logarithmic scale. "steps": a direction and a size among a few, and no strain (largest_strain is not used); a
+        learner that chooses among a few steps can be exact from the start.
     largest_change, largest_strain, smallest_change
         Largest change of the packing fraction and largest shear strain of an action, and the size up to which actions
         are on a linear scale; the latter unless given a tenth of largest_pressure. With actions="steps" no step is
@@ -170,6 +170,7 @@ class QuenchTask:
         Whether it is observed.
     bracket
         Whether the bracket of jamming is observed: between which packing fractions pressure appeared or vanished last.
+        Pressures on the way of a relaxation bracket nothing: only with relax="full".
     orientations
         Whether each particle's direction is observed, beside the order tensor of all; for shapes only.
     step_budget, evaluation_budget
@@ -220,6 +221,8 @@ class QuenchTask:
         one_of("verdict", self.verdict, ("collective", "strict"))
         boolean("shear_modulus", self.shear_modulus)
         boolean("bracket", self.bracket)
+        if self.bracket and self.relax != "full":
+            raise ValueError(f"bracket must be False unless relax is 'full', got relax={self.relax!r}")
         boolean("orientations", self.orientations)
         for name in ("largest_change", "largest_strain", "largest_pressure", "smallest_change"):
             if getattr(self, name) is not None or name in ("largest_change", "largest_strain"):

@@ -236,7 +236,7 @@ def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64
 
 
 def set_apart(packing: Packing) -> Packing | None:
-    """Return the packing of discs or spheres with its box grown until no particles overlap; None where they do so far.
+    """Return the packing of discs or spheres with its box grown until none overlap; None where they overlap by a tenth.
 
     Beyond the largest overlap it grows by no more than rounding asks for.
     """
