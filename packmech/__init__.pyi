@@ -344,6 +344,7 @@ from packmech.jit.compiled import kernel as kernel
 #: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
 #: dos, vdos, vibrational_density, phonons, spectrum -> density_of_states
 #: eigenmodes, vibrations, normal_mode, frequencies -> normal_modes
+#: onset, onset_between, bracket, jamming_point, phi_j -> jam, compress
 #: z, coordination, contact_number -> coordination_number
 #: z_iso, isostatic, isostaticity, excess_contacts -> classify_jamming, contact_forces
 #: phi, volume_fraction, density -> packing_fraction

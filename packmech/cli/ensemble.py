@@ -77,6 +77,7 @@ def run_members(
     folder: Folder = Path("ensemble"),
     seeds: str | None = None,
     grid: Texts = None,
+    set: Texts = None,
     measures: Texts = None,
     same_starts: Switch = False,
     no_packings: Switch = False,
@@ -97,6 +98,8 @@ def run_members(
         of random starts, such as 0:1000
     grid
         further parameters and their values: "effects.friction.coefficient=0.01:1:20:log" or "packing.particles=32,64"
+    set
+        NAME=VALUE, a field that is the same for all members, such as drive.applied_strain=20
     measures
         results to keep, named as in `packmech jam --json` (default: counts, moduli and what the run reports)
     same_starts
@@ -113,7 +116,7 @@ def run_members(
             f"job must be a scene or file.py:function, got the packing {job!r}: packmech new my.toml --packing {job} "
             "makes a scene of it"
         )
-    asked = _grid(seeds, grid)
+    asked = _grid(seeds, [*(grid or ()), *(set or ())])
     # a function draws from what it is given
     same = same_starts or (":" not in job and len(asked.get("seed", ())) < 2)
     kept: dict[str, Any] = {
@@ -359,6 +362,8 @@ def _status(found: Ensemble) -> int:
         )
     if len(failed) > _LISTED:
         show(f"and {len(failed) - _LISTED} more")
+    if counts["done"]:
+        show(f"results: packmech ensemble table --folder {found.folder}")
     return FAILED if failed else OK
 
 

@@ -135,7 +135,7 @@ def run(
     no_record
         write no recording, as without --record
     frames
-        write so many evenly spaced pictures to the folder --pictures
+        write so many evenly spaced pictures, at least 2, to the folder --pictures
     pictures
         the folder of the pictures
     format

@@ -269,7 +269,7 @@ class Simulation(Run):
         rows += rows_of_broken(self.broken_bonds)
         if self.packing.links:
             rows.append(("link error", f"{numbers['link_error']:.1e}", "largest, over the length of the link"))
-        rows.append(("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"))
+        rows.append(("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted twice"))
         for name, note in _STRESS_NOTES.items() if "stress" in numbers else ():
             lines = ["  ".join(f"{entry + 0.0:12.5g}" for entry in row) for row in numbers["stress"][name]]
             for k, line in enumerate(lines):

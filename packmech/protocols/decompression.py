@@ -173,7 +173,7 @@ class StepHalving(JamMethod):
         protocol.report["compression_steps"] = number + 1
         protocol.report["jamming_packing_fraction"] = packing_fraction(packing)
         if first.plain:
-            protocol.report["unjammed_packing"] = set_apart(packing if below is None else below)
+            protocol.report["packing_below_onset"] = set_apart(packing if below is None else below)
         if outcome.ok and protocol.strain == "free":
             return self._stabilized(protocol, packing)
         if outcome.ok and stability(protocol.scene.replace(packing=packing)).negative:

@@ -257,7 +257,7 @@ def _report_hard_packing(protocol: Protocol, hard: HardPacking) -> None:
     protocol.report.update(
         jamming_packing_fraction=packing_fraction(restored),
         hard_packing=restored,
-        unjammed_packing=None if hard.floppy_modes else set_apart(restored),
+        packing_below_onset=None if hard.floppy_modes else set_apart(restored),
         hard_contacts=len(hard.contacts),
         hard_excess_contacts=hard.excess,
         floppy_modes=hard.floppy_modes,

@@ -19,6 +19,8 @@ from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.status import Progress
 
+# pressures at the end where none is given, without friction and with it [energy_scale / diameter^d]
+_PRESSURE, _ROUGH_PRESSURE = 1e-8, 1e-3
 # methods that ship, and what they honor; one of a user's may honor more
 _SHIPPED: tuple[type[JamMethod], ...] = (HardVertex, ProgramChain, Decompression, Press, StepHalving)
 _HONORED = declare(
@@ -93,7 +95,8 @@ def jam(
     scene
         The scene; its law decides about the soft packing only, not about the hard one it comes from.
     pressure
-        Pressure at the end [energy_scale / diameter^d]; None: 1e-8. To be left out for StepHalving, which ends at an
+        Pressure at the end [energy_scale / diameter^d]; None: 1e-8, and 1e-3 with friction, which is pressed in time
+        and takes hours to 1e-8. To be left out for StepHalving, which ends at an
         energy.
     strain
         "free": all strains relax, so that the stress is isotropic (shear-stabilized). "isotropic": the box keeps its
@@ -127,17 +130,16 @@ def jam(
         rounding of positions alone can cause), backbone_pressure (the part of the pressure between particles that do
         not rattle; below .99 the outcome is NOT_JAMMED; with links 0 or 1, whether there are such contacts), method,
         strain, start ("continued", "rearranged" or "fresh"), and, where a hard packing was found, hard_packing,
-        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. Where a hard
-        packing was found, and of discs and spheres by StepHalving, both sides of the onset are held: unjammed_packing,
-        the one nearby in which no particles overlap, and onset_between, its packing fraction and that of the packing
-        that is returned, which presses. With links in two dimensions
-        also crossing_links: pairs that cross are locked, press at any pressure and add states of self stress. Of a
-        packing that is followed: rearrangements on the way (none where `start` is "continued"), contacts_closed and
-        contacts_opened, and onset_rearrangements, on the way down to the hard packing; Press and StepHalving cannot
-        count rearrangements and say "rearranged" wherever contacts changed. Links that do not cross at the start are
-        kept from it, as in `quench`. Press reports counts with friction instead, as `ContactForces.to_dict` does, and
-        rate, time [sqrt(m / k)], added_damping of contacts whose own dashpots are too weak (0: none) [mass/time] and
-        kinetic_energy, over pressure times volume.
+        hard_contacts, hard_excess_contacts, gap_error, force_imbalance, smallest_force. Where a hard packing was found,
+        and of discs and spheres by StepHalving, both sides of the onset are held: packing_below_onset, the one nearby
+        in which no particles overlap (they touch to rounding), and onset_between, its packing fraction and that of the
+        packing that is returned, which presses. With links in two dimensions also crossing_links: pairs that cross are
+        locked, press at any pressure and add states of self stress. Of a packing that is followed: rearrangements on
+        the way (none where `start` is "continued"), contacts_closed and contacts_opened, and onset_rearrangements, on
+        the way down to the hard packing; Press and StepHalving cannot count rearrangements and say "rearranged"
+        wherever contacts changed. Links that do not cross at the start are kept from it, as in `quench`. Press reports
+        counts with friction instead, as `ContactForces.to_dict` does, and rate, time [sqrt(m / k)], added_damping of
+        contacts whose own dashpots are too weak (0: none) [mass/time] and kinetic_energy, over pressure times volume.
 
     Raises
     ------
@@ -174,7 +176,8 @@ def jam(
     honored = dict.fromkeys((*_HONORED.columns, *method.honors.get(strain, "").split()))
     replace(_HONORED, columns=tuple(honored)).check("scene", scene)
     _check_suits(method, scene, strain)
-    name, goal = type(method).__name__, 1e-8 if pressure is None else positive("pressure", pressure)
+    usual = _ROUGH_PRESSURE if "friction" in held_columns(scene) else _PRESSURE
+    name, goal = type(method).__name__, usual if pressure is None else positive("pressure", pressure)
     at_pressure = method.ends_at == "a pressure"
     if not at_pressure and pressure is not None:
         raise ValueError(f"pressure must be left out for {name}, which ends at {method.ends_at}, got {pressure!r}")

@@ -423,13 +423,13 @@ def finish(
 
 def _add_onset(report: dict[str, Any], outcome: Outcome) -> None:
     """Report both sides of the onset of jamming where they are sides of one packing, else neither."""
-    apart = report.pop("unjammed_packing", None)
+    apart = report.pop("packing_below_onset", None)
     same = outcome.ok and outcome is not Outcome.UNJAMMED and not report.get("onset_rearrangements")
     if apart is None or not same:
         return
     low, high = packing_fraction(apart), report["packing_fraction"]
     if low < high:
-        report |= {"unjammed_packing": apart, "onset_between": (low, high)}
+        report |= {"packing_below_onset": apart, "onset_between": (low, high)}
 
 
 def report_of(

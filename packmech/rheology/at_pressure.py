@@ -49,7 +49,7 @@ class PressureShear(Run):
     shear_stress_t, pressure_t
         (T,) stresses, kinetic parts included [energy/length^d].
     packing_fraction_t
-        (T,) packing fractions, overlaps of contacts counted in full [1].
+        (T,) packing fractions, overlaps counted twice [1].
     contacts_t, sliding_t
         (T,) touching pairs, and those of them at the Coulomb limit.
     steady_t
@@ -149,7 +149,7 @@ class PressureShear(Run):
         numbers = self.to_dict()
         named = (
             ("stress over pressure", "stress_ratio", "their means"),
-            ("packing fraction", "packing_fraction", "overlaps of contacts counted in full"),
+            ("packing fraction", "packing_fraction", "overlaps counted twice"),
             ("pressure", "mean_pressure", f"asked for {self.pressure:g}"),
             ("contacts a particle", "mean_contacts", ""),
         )

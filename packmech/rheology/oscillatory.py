@@ -177,7 +177,7 @@ class OscillatoryShear(StrainRun):
         return [
             *self.outcome_rows(),
             *rows,
-            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"),
+            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted twice"),
             ("mean pressure", f"{numbers['mean_pressure']:.6g}", unit),
             ("contacts", f"{numbers['mean_contacts']:.1f}", f"mean; {sliding:.1%} of them slide"),
             *rows_of_broken(self.broken_bonds),

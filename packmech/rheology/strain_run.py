@@ -204,7 +204,7 @@ class StrainRun(Run):
             ("strain at the end", f"{numbers['strain']:.6g}", ""),
             ("stress at the end", f"{numbers['stress']:.6g}", f"largest {numbers['largest_stress']:.6g}; {unit}"),
             ("pressure at the end", f"{numbers['pressure']:.6g}", unit),
-            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps of contacts counted in full"),
+            ("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted twice"),
             ("contacts", str(numbers["contacts"]), f"{numbers['sliding_fraction']:.1%} of them slide"),
             *rows_of_broken(self.broken_bonds),
         ]

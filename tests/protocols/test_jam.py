@@ -92,7 +92,7 @@ def test_no_pair_of_the_hard_packing_overlaps_and_all_its_contacts_touch(fixed):
 @pytest.mark.parametrize("strain", ["isotropic", "free"])
 def test_both_sides_of_the_onset_are_held(strain, fixed, free):
     run = fixed if strain == "isotropic" else free
-    apart, (low, high) = run.report["unjammed_packing"], run.report["onset_between"]
+    apart, (low, high) = run.report["packing_below_onset"], run.report["onset_between"]
     assert len(pm.find_contacts(apart)) == 0
     onset = run.report["jamming_packing_fraction"]
     assert onset - 1e-12 < low <= onset < high
@@ -103,7 +103,7 @@ def test_both_sides_of_the_onset_are_held(strain, fixed, free):
 
 def test_step_halving_holds_a_packing_that_does_not_press_and_is_as_near_as_its_energy():
     run = pm.jam(start(), strain="isotropic", method=pm.StepHalving(increment=1e-3, energy_tolerance=1e-12))
-    apart, (low, high) = run.report["unjammed_packing"], run.report["onset_between"]
+    apart, (low, high) = run.report["packing_below_onset"], run.report["onset_between"]
     assert len(pm.find_contacts(apart)) == 0
     # energies of 1e-12 are overlaps of 1e-6
     assert 0.0 < high - low < 1e-5
@@ -114,7 +114,7 @@ def test_what_is_not_jammed_has_no_bracket(method):
     run = pm.jam(start(), strain="isotropic", method=method, check=False)
     assert not run.ok
     assert "onset_between" not in run.report
-    assert "unjammed_packing" not in run.report
+    assert "packing_below_onset" not in run.report
 
 
 @pytest.mark.parametrize("strain", ["isotropic", "free"])

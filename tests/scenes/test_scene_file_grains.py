@@ -35,6 +35,14 @@ def test_the_command_runs_a_pile(tmp_path, capsys):
     assert "coordination number" in capsys.readouterr().out
 
 
+def test_grains_are_pressed_to_a_pressure_that_is_reached_in_seconds_where_none_is_given():
+    start = pm.random_packing(30, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.7, seed=1)
+    effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.3), pm.Friction(0.5))
+    run = pm.jam(pm.Scene(start, effects), strain="isotropic")
+    assert run.report["pressure_asked"] == 1e-3
+    assert run.report["pressure"] == pytest.approx(1e-3, rel=1e-3)
+
+
 def test_the_drive_at_constant_pressure_is_the_call_with_its_fields(tmp_path, capsys):
     changes = {"drive.applied_strain": 2.0, "drive.skip_strain": 1.0, "packing.particles": 30}
     scene = pm.read_scene("dense-flow", changes=changes)
