@@ -82,9 +82,9 @@ class BrokenBonds:
     >>> bond = pm.Bonds([0], [1], [[0, 0]], [1.0], breaks_at=pm.BondLimits(tension=0.02))
     >>> scene = pm.Scene(pair, (pm.Repulsion(), bond))
     >>> broken = pm.simulate(scene, duration=1.0, velocity_nd=[[-0.05, 0.0], [0.05, 0.0]]).broken_bonds
-    >>> print(broken)
-    1 of 1 bonds broke: 1 by tension
-    >>> broken.force_e[0] > 0.02, broken.left
+    >>> str(broken)
+    '1 of 1 bonds broke: 1 by tension'
+    >>> float(broken.force_e[0]) > 0.02, broken.left
     (True, 0)
     >>> broken.to_dict()["mode"]
     ['tension']
