@@ -40,7 +40,7 @@ COLUMNS = {
     "breaking": "bonds that break: Bonds with breaks_at",
 }
 EFFECTS = tuple(COLUMNS)[:9]
-# columns of what a packing has not by itself
+# columns of what a scene adds to its packing
 _OF_SCENES = (*EFFECTS, "breaking")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
@@ -72,7 +72,7 @@ _NOT_BESIDE = {
 def columns_of(effect: Any) -> tuple[str, ...]:
     """Return the columns of an effect: what its class says itself in `acts_as`, or else what its hooks do.
 
-    What acts in one column may belong to others by its numbers: `acts_also` names them.
+    Columns that depend on its parameters come from `acts_also`: bonds are in "breaking" only if they have limits.
     """
     said = getattr(effect, "acts_as", None)
     if said is not None:

@@ -374,7 +374,7 @@ def make_table(
     for name, value in found.items():
         plain: NDArray[Any] = value.astype(np.int64 if np.issubdtype(value.dtype, np.integer) else np.float64)
         names = component_names(name, plain.shape[1:])
-        parts = dict(zip(names, plain.reshape(len(plain), -1).T, strict=True))
+        parts = dict(zip(names, plain.reshape(len(plain), len(names)).T, strict=True))
         columns |= {key: np.ascontiguousarray(part) for key, part in parts.items()}
         unit = OBSERVABLES[name].unit_in(about.get("dimension")) if units is None else units[name]
         unit_of |= dict.fromkeys(parts, unit)

@@ -16,6 +16,7 @@ from packmech.display import shown
 from packmech.effects import (
     SIGNED,
     Repulsion,
+    bonds_of,
     check_effect,
     check_law,
     energy_scale_of,
@@ -703,3 +704,21 @@ class Scene:
             if kind not in registered_effects():
                 raise TypeError(f"kinds[{k}] must be a class of effects such as Friction, got {kind!r}")
         return self.replace(effects=tuple(one for one in self.effects if type(one) not in kinds))
+
+
+def scene_after(run: Any, scene: Scene) -> Scene:
+    """Return the scene as a run of it left it: with the packing at its end and, where bonds broke, those that are left.
+
+    Parameters
+    ----------
+    run
+        Its `packing` is taken and, of a run that has them, its `bonds`.
+    scene
+        The scene that was run.
+
+    """
+    whole, left = bonds_of(scene.effects), getattr(run, "bonds", None)
+    if left is not None:
+        # images of bonds are those of the scene's packing, and go with particles that were wrapped
+        scene = scene.replace(effects=tuple(left if one is whole else one for one in scene.effects))
+    return scene.replace(packing=run.packing)

@@ -35,13 +35,13 @@ from packmech.cli.output import (
     title_of,
     working,
 )
-from packmech.effects import bonds_of
+from packmech.effects import Bonds, bonds_of
 from packmech.files.modules import load_modules
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
 from packmech.observables import State, added_observables
 from packmech.result import NotConverged, Run
-from packmech.scene import Scene
+from packmech.scene import Scene, scene_after
 from packmech.scenes import run as run_drive
 from packmech.scenes import takes_checkpoint
 from packmech.view.report import Report, examine
@@ -172,7 +172,7 @@ def carry_out(wanted: Wanted) -> int:
             files.write_packing(_packing(done), scene)  # before the examination, which may be interrupted
             strain = getattr(scene.drive, "examined_strain", None)
             if strain is not None:
-                start = scene.replace(packing=done.packing)
+                start = scene_after(done, scene)
                 report = examine(start, run=done, strain=strain, modes=wanted.modes, progress=say)
         except KeyboardInterrupt as stop:
             code, done = INTERRUPTED, getattr(stop, "run", done)
@@ -240,11 +240,14 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
     scene, files = wanted.scene, wanted.files
     about = done if report is None else report
     numbers, title = about.to_dict(), title_of(wanted.name, about)
-    numbers |= _measured(done.runs[-1] if hasattr(done, "runs") else done, scene)
-    bonds = bonds_of(scene.effects)
-    if bonds is not None and report is None:
+    last: Run = done.runs[-1] if hasattr(done, "runs") else done
+    after = scene_after(last, scene)
+    numbers |= _measured(last, after)
+    if bonds_of(scene.effects) is not None and report is None:
+        # none may be left
+        bonds = next(one for one in after.effects if isinstance(one, Bonds))
         numbers["bonds"] = len(bonds)
-        numbers["fragments"] = int(fragment_numbers(bonds, scene.packing.particles).max()) + 1
+        numbers["fragments"] = int(fragment_numbers(bonds, after.packing.particles).max()) + 1
     if hasattr(done, "runs"):
         show(table(title, done.headings, done.lines()))
     else:
@@ -275,11 +278,11 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
             show(f"recording: {path}   (open it: rerun {path})")
 
 
-def _measured(run: Run, scene: Scene) -> dict[str, Any]:
+def _measured(run: Run, after: Scene) -> dict[str, Any]:
     """Return what observables of a user's own say of the end of a run; what one of them fails at loses no other."""
     dt = getattr(run, "dt", None)
     moved = (getattr(run, "velocity_nd", None), getattr(run, "spin_nk", None))
-    end = State(run.packing, scene.effects, run.steps, None if dt is None else dt * run.steps, *moved)
+    end = State(after.packing, after.effects, run.steps, None if dt is None else dt * run.steps, *moved)
     found = {}
     for one in added_observables():
         try:

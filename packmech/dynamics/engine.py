@@ -330,13 +330,13 @@ class Engine:
         table, loads = self.space.bonds, measure_loads(self.system, self.now)
         mode = broken_by(table, loads.load_bk)
         broken = np.flatnonzero(mode >= 0)
-        # none where two loops round a load at its limit to either side
+        # none where a load equals its limit but for rounding, which the loop of time steps does in another order
         if len(broken):
             assert self.breaks is not None
             before = self._potential_energy()
             self.breaks.add(table.place_b[broken], mode[broken], loads.load_bk[broken], self.steps)
             self._go_on_without(table.place_b, broken, loads.stretch_bk, ledger)
-            self.breaks.released_e[-len(broken)] = before - self._potential_energy()
+            self.breaks.released_s[-1] = before - self._potential_energy()
         append_due(ledger, self.system, self.steps, self.now, self.dt)
 
     def _go_on_without(
@@ -346,7 +346,7 @@ class Engine:
         stretch_bk: NDArray[np.float64],
         ledger: Ledger | None,
     ) -> None:
-        """Go on as a run does that starts from the present state with the bonds that are left.
+        """Make the table of the bonds that are left, and take the forces anew, as a run does that starts from here.
 
         Parameters
         ----------
@@ -519,7 +519,7 @@ class Engine:
         self._empty_lists()
 
     def _empty_lists(self) -> None:
-        """Let go of the lists, and of the springs of the pairs in them."""
+        """Empty the pair lists; tangential springs of the pairs in them are dropped."""
         d = len(self.axes)
         skin, beyond = (float(self.pairs.number[one]) for one in (SKIN_FULL, BEYOND))
         self.pairs = empty_list(len(self.order_n), skin, beyond, row_b=self.pairs.row_b, width=self.state.push.shape[1])

@@ -45,9 +45,15 @@ class BondLimits:
     stretch
         Largest relative elongation, distance / rest length - 1 [1].
     squeeze
-        Largest relative shortening, 1 - distance / rest length [1].
+        Largest relative shortening, 1 - distance / rest length, below 1 [1].
     shear
         Largest force of the tangential spring [force].
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a limit is no number and no list of numbers, is not positive, or is a squeeze of 1 or more, which no bond can
+        exceed; or if there is no limit at all.
 
     Examples
     --------
@@ -111,6 +117,8 @@ def _limit(name: str, value: Any) -> float | tuple[float, ...] | None:
             raise TypeError(f"{name} must be a number, or one for each bond, or None, got {one!r}")
         if math.isnan(one) or one <= 0.0:
             raise ValueError(f"{name} must be positive, got {one!r}")
+        if name == "squeeze" and 1.0 <= one < math.inf:
+            raise ValueError(f"squeeze must be below 1, as no bond is shorter than 0, or inf for none, got {one!r}")
     return tuple(map(float, given)) if several else float(given[0])
 
 
@@ -251,7 +259,18 @@ class Bonds:
         )
 
     def unbreakable(self) -> Bonds:
-        """Return the bonds without limits: they never break."""
+        """Return the bonds without limits: they never break.
+
+        Examples
+        --------
+        >>> import packmech as pm
+        >>> crystal = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+        >>> bonds = pm.bond_contacts(crystal, tangential_stiffness=0.0, breaks_at=pm.BondLimits(tension=0.02))
+        >>> scene = pm.Scene(crystal, (pm.Repulsion(), bonds.unbreakable()))
+        >>> pm.quench(scene, force_tolerance=1e-9).ok
+        True
+
+        """
         return dataclasses.replace(self, breaks_at=None)
 
     def continued(self, start: Packing, end: Packing) -> Bonds:

@@ -27,7 +27,7 @@ from packmech.files.packings import PathLike
 from packmech.jit.source_key import function_key
 from packmech.packing import Packing
 from packmech.result import NotConverged, Run
-from packmech.scene import Scene
+from packmech.scene import Scene, scene_after
 from packmech.scenes import run as run_drive
 from packmech.scenes import takes_checkpoint
 from packmech.scenes.recipes import is_random
@@ -288,7 +288,7 @@ def _of_scene(run: Any, scene: Scene, table: Mapping[str, Any], given: Functions
     values = found.values
     packing = found.packings.get("packing")
     strain = getattr(scene.drive, "examined_strain", None)
-    after = scene if packing is None else scene.replace(packing=packing)
+    after = scene if packing is None else scene_after(getattr(run, "runs", (run,))[-1], scene)
     if packing is not None and strain is not None:
         for verdict in (False, True):
             lacking = names is not None and not set(names) <= set(values)

@@ -19,7 +19,7 @@ from packmech.scene import Scene
 from packmech.status import Report, check_progress
 
 
-@shown()
+@shown(lambda sweep: _headline(sweep))
 @dataclass(frozen=True, eq=False)
 class AmplitudeSweep(SeveralRuns):
     """Moduli against the amplitude of the strain; errors are those over periods.
@@ -52,6 +52,12 @@ class AmplitudeSweep(SeveralRuns):
     def softening_strain(self, remaining: float = 0.9) -> float:
         """Return the amplitude above which G' is less than a part of what it is at the smallest [1]; nan if nowhere."""
         return softening_strain(self.amplitude_a, self.storage_a, remaining=remaining)
+
+
+def _headline(sweep: AmplitudeSweep) -> str:
+    """Return how many bonds broke at the amplitudes, where any may: moduli are then those of networks that break."""
+    broken = sweep.bonds_broken
+    return "" if broken is None else f"bonds broken at each amplitude: {', '.join(map(str, broken))}"
 
 
 def check_amplitudes(amplitudes: Any) -> list[float]:

@@ -169,6 +169,12 @@ class SeveralRuns:
         """Whether every run is a success."""
         return self.outcome.ok
 
+    @property
+    def bonds_broken(self) -> list[int] | None:
+        """How many bonds broke in each run; None where none may."""
+        found = [run.broken_bonds for run in self.runs]
+        return None if any(one is None for one in found) else [len(one) for one in found]
+
 
 def listed_numbers(name: str, values: Any, what: str) -> list[float]:
     """Return the positive numbers of a list that an argument names.

@@ -12,6 +12,7 @@ import numpy as np
 from packmech.dynamics.integrators import INTEGRATORS, VelocityVerlet, choose_time_step
 from packmech.dynamics.simulate import simulate, simulate_from
 from packmech.dynamics.simulation import Simulation
+from packmech.effects import Bonds
 from packmech.loop.checkpoint import RunsFile
 from packmech.rheology.arguments import runs_file
 from packmech.rheology.at_pressure import PressureShear, shear_at_pressure
@@ -96,14 +97,17 @@ def _arguments(
 def _oscillatory_shear(
     drive: OscillatoryShearDrive, scene: Scene, *, frames: int, progress: Progress, checkpoint: Path | None
 ) -> OscillatoryShear:
-    """Bring the scene to rest, then shear it; the run holds the steps of both, and what is wrong with the first."""
+    """Bring the scene to rest, then shear it; the run holds the steps of both, and what is wrong with the first.
+
+    Bonds with limits do not break while the scene comes to rest.
+    """
     # one file keeps the periods at rest and the shear, one after the other
     named = _arguments(drive, scene, frames, progress, runs_file(checkpoint)) | {"check": False}
     largest, plates, expected = (named.pop(one) for one in ("largest_oscillation", "plates", "expected_stress"))
     rest = None
     if largest is not None:
         asked = {"largest_oscillation": largest, "expected_stress": expected}
-        rest = equilibrate(scene, **asked, **{name: named[name] for name in _AT_REST})
+        rest = equilibrate(_unbreakable(scene), **asked, **{name: named[name] for name in _AT_REST})
         scene = scene.replace(packing=rest.packing)
     held = None if plates is None else rough_plates(scene.packing, layer=plates, axis=drive.axes[1])
     try:
@@ -126,6 +130,10 @@ def _oscillatory_shear(
             "oscillation_ratio": rest.ratio,
         },
     )
+
+
+def _unbreakable(scene: Scene) -> Scene:
+    return scene.replace(effects=tuple(one.unbreakable() if isinstance(one, Bonds) else one for one in scene.effects))
 
 
 def _strained(call: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance, integer, one_of, positive, real, two_axes
-from packmech.dynamics.breaking import rows_of_broken
+from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import bonds_of, is_bound, law_second, pair_second
 from packmech.honors import honors
@@ -88,6 +88,14 @@ class OscillatoryShear(StrainRun):
         return float(kinetic_t[on].mean() / stored) if stored > 0.0 and on.any() else math.nan
 
     @property
+    def broken_while_measured(self) -> int:
+        """How many bonds broke in the periods that count."""
+        if self.broken_bonds is None:
+            return 0
+        period_e = self.frequency * (self.broken_bonds.time_e - self.start)
+        return int(((period_e > self.skip_periods) & (period_e <= self.periods)).sum())
+
+    @property
     def phase_t(self) -> NDArray[np.float64]:
         """The (T,) phases of the strain; not positive before it starts."""
         return np.asarray(2.0 * np.pi * self.frequency * (self.time_t - self.start))
@@ -121,7 +129,10 @@ class OscillatoryShear(StrainRun):
             "end_stress": self.stress["overall"][-1].tolist(),
             "mean_contacts": float(np.mean(self.contacts_t)),
             "mean_sliding_fraction": float(np.mean(self.sliding_fraction_t)),
+            **numbers_of_broken(self.broken_bonds),
         }
+        if self.broken_bonds is not None:
+            numbers["bonds_broken_while_measured"] = self.broken_while_measured
         found = self.moduli
         if found is not None:
             numbers |= {
@@ -163,6 +174,8 @@ class OscillatoryShear(StrainRun):
                     # one period that counts says nothing of how periods differ
                     error = f"error not known: fewer than two periods count; fit to {fit:.2g}"
                 note = "contacts inside the plates counted; " if whole and self.held_n is not None else ""
+                if self.broken_while_measured:
+                    note = f"{self.broken_while_measured} bonds broke while it was measured; {note}"
                 rows.append((f"{name}{whole}", f"{numbers[f'{key}_modulus']:.6g}", f"{note}{error}; {unit}"))
             # first, so that a short line does not lose it
             led = "inertia takes part: no moduli of a slow strain; " if numbers["kinetic_share"] > _MOVING else ""

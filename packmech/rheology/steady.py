@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,6 +157,11 @@ def _judged(run: StrainRun, skip: float, blocks: int, tolerance: float) -> Strai
     return replace(run, outcome=Outcome.NOT_STEADY, unmet=tuple(unmet)) if unmet else run
 
 
+def _of_bonds(run: StrainRun) -> str:
+    """Return how many bonds broke in a run, as the end of a note; nothing where none may."""
+    return "" if run.broken_bonds is None else f"; {run.broken_bonds}"
+
+
 @shown()
 @dataclass(frozen=True, eq=False, repr=False)
 class FlowCurve(SeveralRuns):
@@ -188,7 +193,11 @@ class FlowCurve(SeveralRuns):
     sliding_r: NDArray[np.float64]
     runs: tuple[StrainRun, ...]
     seconds: float
-    headings: ClassVar[tuple[str, ...]] = FLOW_HEADINGS
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Headings of `lines`."""
+        return FLOW_HEADINGS if self.bonds_broken is None else (*FLOW_HEADINGS, "bonds broken")
 
     @property
     def viscosity_r(self) -> NDArray[np.float64]:
@@ -202,6 +211,7 @@ class FlowCurve(SeveralRuns):
 
     def lines(self) -> list[tuple[str, ...]]:
         """Return a row of words for each rate, under `headings`."""
+        broken = self.bonds_broken
         return [
             (
                 f"{self.rate_r[k]:.4g}",
@@ -213,6 +223,7 @@ class FlowCurve(SeveralRuns):
                 f"{self.stress_ratio_r[k]:.4f}",
                 f"{self.contacts_r[k]:.3f}",
                 f"{self.sliding_r[k]:.1%}",
+                *([] if broken is None else [str(broken[k])]),
             )
             for k in range(len(self.rate_r))
         ]
@@ -226,6 +237,7 @@ class FlowCurve(SeveralRuns):
             "packing_fraction": packing_fraction(packing),
             "outcome": self.outcome.name.lower(),
             **{name: getattr(self, column).tolist() for name, column in FLOW_COLUMNS.items()},
+            **({} if self.bonds_broken is None else {"bonds_broken": self.bonds_broken}),
             "seconds": self.seconds,
         }
 
@@ -236,11 +248,11 @@ class FlowCurve(SeveralRuns):
         unit = self.runs[0].stress_unit
         rows = [
             (
-                f"rate {rate}",
-                f"stress {stress} +- {error}",
-                f"pressure {pressure}; {sliding} slide; {unit}" if run.ok else str(NotConverged(run)),
+                f"rate {line[0]}",
+                f"stress {line[1]} +- {line[2]}",
+                f"pressure {line[3]}; {line[8]} slide; {unit}{_of_bonds(run)}" if run.ok else str(NotConverged(run)),
             )
-            for (rate, stress, error, pressure, *_, sliding), run in zip(self.lines(), self.runs, strict=True)
+            for line, run in zip(self.lines(), self.runs, strict=True)
         ]
         return Summary(title, tuple(rows), tuple(stage for run in self.runs for stage in run.stages))
 

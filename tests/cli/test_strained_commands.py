@@ -1,6 +1,7 @@
 """Facts about `packmech run` with scenes that are strained: what it writes of them, and how it goes on after Ctrl-C."""
 
 import json
+import math
 import signal
 
 import numpy as np
@@ -148,3 +149,57 @@ def test_a_squeezed_crystal_has_the_pressure_of_its_overlaps_and_creep_the_compl
     # sqrt(3)/4 less the pressure's part
     assert 1.0 / numbers["compliance"] == pytest.approx(0.42, abs=0.01)
     assert abs(numbers["strain"]) < 1e-2 * numbers["strain_under_stress"]
+
+
+BRITTLE = """
+[packing]
+kind = "lattice"
+name = "square"
+repeats = 4
+relative_overlap = 0.01
+
+[[effects]]
+kind = "repulsion"
+law = "linear-spring"
+
+[[effects]]
+kind = "bonds"
+of = "contacts"
+tangential_stiffness = 0.5
+damping = 0.5
+breaks_at = { stretch = 0.02 }
+
+[drive]
+"""
+
+
+def test_the_numbers_are_those_of_the_bonds_that_are_left(folder, capsys):
+    """A square lattice that is drawn out along x loses its bonds along x: columns are left."""
+    drive = 'kind = "ramp-strain"\nrate = 0.01\napplied_strain = 0.05\nmode = "uniaxial"\nsamples = 20\n'
+    (folder / "torn.toml").write_text(BRITTLE + drive)
+    assert run("torn.toml", "--json", "torn.json") == 0
+    numbers = json.loads((folder / "torn.json").read_text())
+    whole = pm.read_scene("torn.toml")
+    total = len(whole.effects[1])
+    across = round(math.sqrt(whole.packing.particles))
+    assert numbers["bonds_broken"] == total // 2 == len(numbers["broken_bonds"]["step"])
+    assert numbers["bonds"] == numbers["bonds_left"] == total - total // 2
+    assert numbers["fragments"] == across
+    assert "16 of 32" in capsys.readouterr().out
+
+
+def test_functions_that_measure_a_scene_see_the_bonds_that_are_left(folder):
+    drive = 'kind = "ramp-strain"\nrate = 0.01\napplied_strain = 0.05\nmode = "uniaxial"\nsamples = 20\n'
+    (folder / "torn.toml").write_text(BRITTLE + drive)
+    measures = [lambda scene: {"counted": len(scene.effects[1])}]
+    found = pm.run_ensemble("torn.toml", {"drive.rate": 0.01}, folder / "members", measures=measures, workers=0)
+    assert found["counted"].tolist() == [16]
+
+
+def test_bonds_with_limits_do_not_break_while_a_scene_comes_to_rest(folder):
+    drive = 'kind = "oscillatory-shear"\namplitude = 0.3\nfrequency = 0.05\nperiods = 2\nsamples_per_period = 20\n'
+    (folder / "shaken.toml").write_text(BRITTLE.replace('"square"', '"triangular"') + drive)
+    run("shaken.toml", "--json", "shaken.json")
+    numbers = json.loads((folder / "shaken.json").read_text())
+    assert numbers["oscillation_ratio"] < 0.1 and numbers["bonds_broken"] > 0
+    assert min(numbers["broken_bonds"]["time"]) > 0.0

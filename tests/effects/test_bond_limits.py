@@ -26,6 +26,8 @@ def scene():
         ({"tension": 0.0}, ValueError, "tension must be positive, got 0.0"),
         ({"compression": -1.0}, ValueError, "compression must be positive, got -1.0"),
         ({"squeeze": math.nan}, ValueError, "squeeze must be positive, got nan"),
+        ({"squeeze": 1.0}, ValueError, "squeeze must be below 1, as no bond is shorter than 0, .*got 1.0"),
+        ({"squeeze": [0.1, 2.0]}, ValueError, "squeeze must be below 1, as no bond is shorter than 0, .*got 2.0"),
         ({"stretch": "0.1"}, TypeError, "stretch must be a number, or one for each bond, or None, got '0.1'"),
         ({"stretch": [0.1, True]}, TypeError, "stretch must be a number, or one for each bond, or None, got True"),
         ({"shear": [[0.1]]}, TypeError, r"shear must be a number, or one for each bond, or None, got \[0.1\]"),
