@@ -39,7 +39,8 @@ _BROAD = 9.0
 class Moment(NamedTuple):
     """Energies of one row of observables: potential, the part of it in sliding springs, kinetic, and `power_of`.
 
-    In sliding springs there is at most what Coulomb's limit lets them hold (`largest_held`).
+    In sliding springs there is at most what Coulomb's limit lets them hold (`largest_held`). What broken bonds
+    `released` until then is part of the potential.
     """
 
     time: float
@@ -48,6 +49,7 @@ class Moment(NamedTuple):
     kinetic: float
     power: float
     pressing: float
+    released: float = 0.0
 
 
 def energy_unit(scene: Scene) -> float:
@@ -165,6 +167,8 @@ class EnergyWatch:
         time = now.time - last.time
         self.work += 0.5 * (last.power + now.power) * time
         self.unseen += (0.5 * (abs(last.power) + abs(now.power)) + _UNSEEN * (last.pressing + now.pressing)) * time
+        # a bond that broke since was given its energy until then, and neither of both powers holds that
+        self.unseen += abs(now.released - last.released)
         self.fallen = max(self.fallen, start.energy - now.energy)
         tiny = _ROUNDING * (self.unit + abs(self.energy) + abs(start.energy))
         grown = now.energy + now.kinetic - self.energy - self.kinetic - self.work
@@ -239,11 +243,12 @@ def moments_of(
         contacts = float(row[columns.CONTACTS])
         # what an unstable spring seems to hold beyond its cap is energy from nowhere
         sliding = min(tangential, held * float(row[columns.TOTAL]) ** 2 / contacts) if contacts > 0.0 else 0.0
-        energy = row[columns.POTENTIAL] + tangential + released(float(row[columns.TIME]))
+        gone = released(float(row[columns.TIME]))
+        energy = row[columns.POTENTIAL] + tangential + gone
         kinetic = row[columns.KINETIC] + row[columns.ROTATIONAL]
         power, pressing = power_of(1.0, contact, -motion, rate)
         power += float(row[columns.MOVING])
-        found.append(Moment(float(row[columns.TIME]), float(energy), sliding, float(kinetic), power, pressing))
+        found.append(Moment(float(row[columns.TIME]), float(energy), sliding, float(kinetic), power, pressing, gone))
     return found
 
 

@@ -97,6 +97,10 @@ def test_a_bond_of_a_particle_with_its_own_image_breaks_as_the_box_deforms():
     assert due < broken.time_e[0] <= due + run.dt * (1.0 + 1e-9)
     assert broken.elongation_e[0] == pytest.approx(math.sqrt(1.0 + (0.2 * broken.time_e[0]) ** 2) - 1.0, rel=1e-9)
     assert broken.released == pytest.approx(broken.energy_e[0], rel=1e-9) and broken.left == 0
+    # the same in a run that looks at its energy long after the break
+    seldom = pm.simulate(scene, steps=80, dt=0.02, applied_strain=pm.SteadyStrain(rate=0.2))
+    assert seldom.outcome is pm.Outcome.FINISHED
+    assert seldom.broken_bonds.step_e.tolist() == broken.step_e.tolist()
 
 
 def test_events_are_a_table_and_stand_in_what_the_run_says_by_name():
