@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.cells import sort_row
 from packmech.contacts.excluded import rigid_clusters
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
@@ -64,11 +65,11 @@ def shared_volume(packing: Packing) -> float:
     i, j, image = i[order], j[order], image[order]
     vector = position_nd[i] - position_nd[j] - image @ lattice_dd.T
     start = np.searchsorted(j, np.arange(packing.particles + 1))
-    flat = packing.dimension == 2
     padded = np.zeros((len(i), 3))
     padded[:, : packing.dimension] = vector
     node, weight = np.polynomial.legendre.leggauss(_NODES)
-    return float(_shared(flat, start, i, image, padded, radius_n, node, weight))
+    # radii that may not be written to would be compiled for once more, here and below
+    return float(_shared((0,) * packing.dimension, start, i, image, padded, np.array(radius_n), node, weight))
 
 
 @kernel
@@ -193,8 +194,8 @@ def _shared_area(center_kd, radius_k, fused_kk, node_q, weight_q, moment_m):
     """Return the area that the last disc shares with the discs before it: the integral of `_groups` over it.
 
     By Green's theorem on the arcs across which the integrand jumps: those of the last disc's circle, and those of the
-    others inside it. The last disc has its center at the origin; those with radius 0 are not there. Where moments are
-    asked for, those in the plane are added to them (`_add_moments`).
+    others inside it. The last disc has its center at the origin; those with radius 0 are not there. Moments in the
+    plane are added to those given (`_add_moments`), if they are more than none.
     """
     count = radius_k.shape[0]
     last = count - 1
@@ -225,7 +226,7 @@ def _shared_area(center_kd, radius_k, fused_kk, node_q, weight_q, moment_m):
         if disc != last and half[last] < 0.0:
             continue
         if edges:
-            edge[:edges].sort()
+            sort_row(edge, 0, edges)
         else:
             edge[0] = 0.0
             edges = 1
@@ -247,7 +248,7 @@ def _shared_area(center_kd, radius_k, fused_kk, node_q, weight_q, moment_m):
                 x, y = center_kd[disc, 0], center_kd[disc, 1]
                 turn = x * (math.sin(end) - math.sin(begin)) - y * (math.cos(end) - math.cos(begin))
                 total += 0.5 * jump * radius * (radius * (end - begin) + turn)
-                if moment_m is not None:
+                if moment_m.shape[0]:
                     _add_moments(jump, x, y, radius, begin, end, node_q, weight_q, moment_m)
     return total
 
@@ -328,15 +329,16 @@ def _sliced(center_kd, radius_k, fused_kk, node_q, weight_q, moment_m):
     """Return the volume that the last sphere shares with those before it, from the areas of slices.
 
     Between breakpoints areas are smooth, with powers of 3/2 at their ends, which the change of variable takes away.
-    Where moments are asked for, the integrals of x, y, z, x x, x y, x z, y y, y z and z z are added from 1 on.
+    The integrals of x, y, z, x x, x y, x z, y y, y z and z z are added to the moments from 1 on, if they are more than
+    none.
     """
     count = radius_k.shape[0]
     own = radius_k[count - 1]
     edge = np.empty(2 + 2 * count + count * count + count**3 // 3 + 1)
     edges = _breakpoints(center_kd, radius_k, fused_kk, edge)
-    edge[:edges].sort()
+    sort_row(edge, 0, edges)
     disc = np.empty(count)
-    slice_m = None if moment_m is None else np.zeros(10)
+    slice_m = np.zeros_like(moment_m)
     total = 0.0
     begin = edge[0]
     for e in range(1, edges):
@@ -350,7 +352,7 @@ def _sliced(center_kd, radius_k, fused_kk, node_q, weight_q, moment_m):
                 disc[k] = math.sqrt(max(0.0, radius_k[k] ** 2 - (height - center_kd[k, 2]) ** 2))
             area = _shared_area(center_kd, disc, fused_kk, node_q, weight_q, slice_m)
             total += weight_q[q] * half * 1.5 * (1.0 - s * s) * area
-            if slice_m is not None:
+            if slice_m.shape[0]:
                 weight = weight_q[q] * half * 1.5 * (1.0 - s * s)
                 slice_m[3], slice_m[6], slice_m[8] = height * area, height * slice_m[1], height * slice_m[2]
                 slice_m[9] = height**2 * area
@@ -362,12 +364,14 @@ def _sliced(center_kd, radius_k, fused_kk, node_q, weight_q, moment_m):
 
 
 @kernel
-def _shared(flat, start_n, i_p, image_pd, vector_pd, radius_n, node_q, weight_q):
+def _shared(axes, start_n, i_p, image_pd, vector_pd, radius_n, node_q, weight_q):
     """Return the sum over particles of what each shares with those that it is fused with and that come before it.
 
-    The pairs of a particle stand from start_n on: the other one, its image, and the vector to it.
+    The pairs of a particle stand from start_n on: the other one, its image, and the vector to it. `axes` is a tuple as
+    long as the dimension, which is thereby known when the loop is compiled.
     """
     total = 0.0
+    moment = np.empty(0)
     for n in range(start_n.shape[0] - 1):
         low, high = start_n[n], start_n[n + 1]
         count = high - low
@@ -387,23 +391,23 @@ def _shared(flat, start_n, i_p, image_pd, vector_pd, radius_n, node_q, weight_q)
         if pairs_only:
             for p in range(low, high):
                 distance = math.sqrt((vector_pd[p] ** 2).sum())
-                total += lens(flat, radius_n[n], radius_n[i_p[p]], distance)
+                total += lens(len(axes) == 2, radius_n[n], radius_n[i_p[p]], distance)
             continue
         center, radius = np.zeros((count + 1, 3)), np.empty(count + 1)
         for p in range(low, high):
             center[p - low] = vector_pd[p]
             radius[p - low] = radius_n[i_p[p]]
         radius[count] = radius_n[n]
-        if flat:
-            total += _shared_area(center, radius, fused, node_q, weight_q, None)
+        if len(axes) == 2:
+            total += _shared_area(center, radius, fused, node_q, weight_q, moment)
         else:
-            total += _sliced(center, radius, fused, node_q, weight_q, None)
+            total += _sliced(center, radius, fused, node_q, weight_q, moment)
     return total
 
 
 @kernel
-def _union_moments(flat, center_kd, radius_k, node_q, weight_q):
-    """Return the integrals over a union of 1, x, y, z, x x, x y, x z, y y, y z and z z."""
+def _union_moments(axes, center_kd, radius_k, node_q, weight_q):
+    """Return the integrals over a union of 1, x, y, z, x x, x y, x z, y y, y z and z z; `axes` as in `_shared`."""
     total = np.zeros(10)
     shared = np.zeros(10)
     vector = np.zeros((center_kd.shape[0], 3))
@@ -414,13 +418,12 @@ def _union_moments(flat, center_kd, radius_k, node_q, weight_q):
                 vector[k, a] = center_kd[k, a] - center_kd[n, a]
         fused = np.ones((n + 1, n + 1), dtype=np.bool_)
         radius = radius_k[n]
-        if flat:
+        if len(axes) == 2:
             shared[0] = _shared_area(vector[: n + 1], radius_k[: n + 1], fused, node_q, weight_q, shared)
             volume = math.pi * radius**2
             spread = 0.25 * radius**2
         else:
-            _sliced(vector[: n + 1], radius_k[: n + 1], fused, node_q, weight_q, shared)
-            shared[0] = _sliced(vector[: n + 1], radius_k[: n + 1], fused, node_q, weight_q, None)
+            shared[0] = _sliced(vector[: n + 1], radius_k[: n + 1], fused, node_q, weight_q, shared)
             volume = 4.0 / 3.0 * math.pi * radius**3
             spread = 0.2 * radius**2
         # about its own center what a disc or sphere adds is what it has less what it shares
@@ -428,10 +431,10 @@ def _union_moments(flat, center_kd, radius_k, node_q, weight_q):
         own[0] += volume
         own[4] += spread * volume
         own[7] += spread * volume
-        if not flat:
+        x, y, z = center_kd[n, 0], center_kd[n, 1], 0.0
+        if len(axes) == 3:
+            z = center_kd[n, 2]
             own[9] += spread * volume
-        x, y = center_kd[n, 0], center_kd[n, 1]
-        z = 0.0 if flat else center_kd[n, 2]
         total[0] += own[0]
         total[1] += own[1] + x * own[0]
         total[2] += own[2] + y * own[0]
@@ -460,7 +463,7 @@ def union_moments(
     """
     d = center_kd.shape[1]
     node, weight = np.polynomial.legendre.leggauss(_NODES)
-    moment = _union_moments(d == 2, center_kd, radius_k, node, weight)
+    moment = _union_moments((0,) * d, np.array(center_kd), np.array(radius_k), node, weight)
     volume = float(moment[0])
     center = moment[1:4] / volume
     second = np.array([[moment[4], moment[5], moment[6]], [moment[5], moment[7], moment[8]], moment[[6, 8, 9]]])
