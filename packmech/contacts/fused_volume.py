@@ -116,7 +116,9 @@ def _groups(inside_k, fused_kk, stack_sk, sign_s):
     away 1 less the same sum over the discs it is fused with.
     """
     size = inside_k.shape[0]
-    stack_sk[0] = inside_k
+    # one by one: to assign a whole row compiles for seconds what would say that it does not fit
+    for k in range(size):
+        stack_sk[0, k] = inside_k[k]
     sign_s[0] = 1
     height = 1
     found = 0
@@ -254,6 +256,12 @@ def _shared_area(center_kd, radius_k, fused_kk, node_q, weight_q, moment_m):
 
 
 @device
+def _square(point_kd, k, x, y, z):
+    """Return the squared distance of a point from one of the given ones."""
+    return (point_kd[k, 0] - x) ** 2 + (point_kd[k, 1] - y) ** 2 + (point_kd[k, 2] - z) ** 2
+
+
+@device
 def _breakpoints(center_kd, radius_k, fused_kk, out):
     """Write the heights where the slices of spheres change their kind, within the last sphere; return how many."""
     count = radius_k.shape[0]
@@ -261,66 +269,67 @@ def _breakpoints(center_kd, radius_k, fused_kk, out):
     all_fused = True
     for a in range(last):
         for b in range(a):
-            apart = ((center_kd[b] - center_kd[a]) ** 2).sum() >= (radius_k[a] + radius_k[b]) ** 2
-            all_fused = all_fused and (fused_kk[a, b] or apart)
+            square = _square(center_kd, b, center_kd[a, 0], center_kd[a, 1], center_kd[a, 2])
+            all_fused = all_fused and (fused_kk[a, b] or square >= (radius_k[a] + radius_k[b]) ** 2)
     out[0], out[1] = -radius_k[last], radius_k[last]
     found = 2
-    point = np.empty(3)
     for a in range(count):
+        x, y, z = center_kd[a, 0], center_kd[a, 1], center_kd[a, 2]
         for side in (-1.0, 1.0):
-            point[:] = center_kd[a]
-            point[2] += side * radius_k[a]
-            found = _noted(point, center_kd, radius_k, all_fused, out, found)
+            found = _noted(x, y, z + side * radius_k[a], center_kd, radius_k, all_fused, out, found)
         for b in range(a):
-            between = center_kd[b] - center_kd[a]
-            distance = math.sqrt((between**2).sum())
+            distance = math.sqrt(_square(center_kd, b, x, y, z))
             if distance >= radius_k[a] + radius_k[b] or distance <= abs(radius_k[a] - radius_k[b]):
                 continue
-            normal = between / distance
+            nx, ny, nz = (
+                (center_kd[b, 0] - x) / distance,
+                (center_kd[b, 1] - y) / distance,
+                (center_kd[b, 2] - z) / distance,
+            )
             along = (distance**2 + radius_k[a] ** 2 - radius_k[b] ** 2) / (2.0 * distance)
             circle = math.sqrt(max(0.0, radius_k[a] ** 2 - along**2))
-            middle = center_kd[a] + along * normal
-            tilt = math.sqrt(max(0.0, 1.0 - normal[2] ** 2))
+            mx, my, mz = x + along * nx, y + along * ny, z + along * nz
+            tilt = math.sqrt(max(0.0, 1.0 - nz**2))
             if tilt > 0.0:
                 # the highest and the lowest point of the circle in which two spheres meet
-                up = -normal[2] / tilt * normal
-                up[2] += 1.0 / tilt
+                up = -nz / tilt
                 for side in (-1.0, 1.0):
-                    point[:] = middle + side * circle * up
-                    found = _noted(point, center_kd, radius_k, all_fused, out, found)
+                    far = side * circle
+                    px, py, pz = mx + far * (up * nx), my + far * (up * ny), mz + far * (up * nz + 1.0 / tilt)
+                    found = _noted(px, py, pz, center_kd, radius_k, all_fused, out, found)
             for c in range(b):
                 # where that circle meets a third sphere
-                reach = center_kd[c] - middle
-                flat = reach - (reach * normal).sum() * normal
-                aside = math.sqrt((flat**2).sum())
+                rx, ry, rz = center_kd[c, 0] - mx, center_kd[c, 1] - my, center_kd[c, 2] - mz
+                off = rx * nx + ry * ny + rz * nz
+                fx, fy, fz = rx - off * nx, ry - off * ny, rz - off * nz
+                aside = math.sqrt(fx * fx + fy * fy + fz * fz)
                 if not aside > 0.0:
                     continue
-                foot = ((reach**2).sum() + circle**2 - radius_k[c] ** 2) / (2.0 * aside)
+                foot = (rx * rx + ry * ry + rz * rz + circle**2 - radius_k[c] ** 2) / (2.0 * aside)
                 if abs(foot) > circle:
                     continue
                 wing = math.sqrt(circle**2 - foot**2) / aside
                 foot /= aside
                 for side in (-1.0, 1.0):
-                    point[0] = foot * flat[0] + side * wing * (normal[1] * flat[2] - normal[2] * flat[1])
-                    point[1] = foot * flat[1] + side * wing * (normal[2] * flat[0] - normal[0] * flat[2])
-                    point[2] = foot * flat[2] + side * wing * (normal[0] * flat[1] - normal[1] * flat[0])
-                    point += middle
-                    found = _noted(point, center_kd, radius_k, all_fused, out, found)
+                    px = mx + foot * fx + side * wing * (ny * fz - nz * fy)
+                    py = my + foot * fy + side * wing * (nz * fx - nx * fz)
+                    pz = mz + foot * fz + side * wing * (nx * fy - ny * fx)
+                    found = _noted(px, py, pz, center_kd, radius_k, all_fused, out, found)
     return found
 
 
 @device
-def _noted(point, center_kd, radius_k, all_fused, out, found):
+def _noted(x, y, z, center_kd, radius_k, all_fused, out, found):
     """Write the height of a point unless nothing is seen of it: outside the last sphere, or deep inside another one."""
     last = radius_k.shape[0] - 1
     own = radius_k[last]
-    if not -own < point[2] < own or (point**2).sum() > own**2 * (1.0 + _HIDDEN):
+    if not -own < z < own or x * x + y * y + z * z > own**2 * (1.0 + _HIDDEN):
         return found
     if all_fused:
         for k in range(last):
-            if ((point - center_kd[k]) ** 2).sum() < radius_k[k] ** 2 * (1.0 - _HIDDEN):
+            if _square(center_kd, k, x, y, z) < radius_k[k] ** 2 * (1.0 - _HIDDEN):
                 return found
-    out[found] = point[2]
+    out[found] = z
     return found + 1
 
 
@@ -390,12 +399,13 @@ def _shared(axes, start_n, i_p, image_pd, vector_pd, radius_n, node_q, weight_q)
                         pairs_only = False
         if pairs_only:
             for p in range(low, high):
-                distance = math.sqrt((vector_pd[p] ** 2).sum())
+                distance = math.sqrt(_square(vector_pd, p, 0.0, 0.0, 0.0))
                 total += lens(len(axes) == 2, radius_n[n], radius_n[i_p[p]], distance)
             continue
         center, radius = np.zeros((count + 1, 3)), np.empty(count + 1)
         for p in range(low, high):
-            center[p - low] = vector_pd[p]
+            for a in range(3):
+                center[p - low, a] = vector_pd[p, a]
             radius[p - low] = radius_n[i_p[p]]
         radius[count] = radius_n[n]
         if len(axes) == 2:
