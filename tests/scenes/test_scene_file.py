@@ -60,6 +60,8 @@ def test_shipped_scenes_cover_every_law_drive_and_dimension_that_the_first_steps
         pm.JamDrive,
         pm.OscillatoryShearDrive,
         pm.QuenchDrive,
+        pm.SettleDrive,
+        pm.ShearAtPressureDrive,
         pm.ShearStabilizeDrive,
         pm.SimulateDrive,
     }
