@@ -134,10 +134,11 @@ def _scatter(  # type: ignore[no-untyped-def]
 
 
 def _number_pairs(
-    i_c: NDArray[np.int64], j_c: NDArray[np.int64]
+    i_c: NDArray[np.int64], j_c: NDArray[np.int64], particles: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Return the pairs of different particles, each once, sorted by (i, j), and the number of each element's pair."""
-    order = np.lexsort((j_c, i_c))
+    # elements of one kind are sorted already, which a stable sort finds out first
+    order = np.argsort(i_c * particles + j_c, kind="stable")
     pair_i, pair_j, sorted_c = distinct_pairs(i_c[order], j_c[order])
     pair_c = np.empty_like(sorted_c)
     pair_c[order] = sorted_c
@@ -254,7 +255,7 @@ def assemble(
     i_c, j_c = (
         np.concatenate([np.zeros(0, np.int64), *(getattr(one, name) for one in elements)]) for name in ("i_c", "j_c")
     )
-    pair_i, pair_j, pair_c = _number_pairs(i_c, j_c)
+    pair_i, pair_j, pair_c = _number_pairs(i_c, j_c, particles)
     upper = np.zeros((len(pair_i), q, q))
     lower = np.zeros((0 if symmetric else len(pair_i), q, q))
     diagonal = np.zeros((particles, q, q))
