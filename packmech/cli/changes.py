@@ -79,6 +79,13 @@ class Changes:
         tables, folder = read_scene_tables(name)
         if packing is not None:
             tables, folder = _of_file(tables, packing, beside), beside
+        kind = tables.get("packing", {}).get("kind") if isinstance(tables.get("packing"), dict) else None
+        for option in ("particles", "dimension", "packing_fraction"):
+            if kind in ("inline", "file") and getattr(self, option) is not None:
+                raise ValueError(
+                    f"{option} must be left out for a scene that lists its particles or takes them from a file, got "
+                    f"{getattr(self, option)!r}"
+                )
         changes = self.by_path()
         for path, value in changes.items():
             _drop_others(tables, path, value)

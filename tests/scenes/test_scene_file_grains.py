@@ -35,6 +35,11 @@ def test_the_command_runs_a_pile(tmp_path, capsys):
     assert "coordination number" in capsys.readouterr().out
 
 
+def test_particles_that_are_listed_are_not_so_many_as_one_likes():
+    with pytest.raises(ValueError, match="particles must be left out for a scene that lists its particles"):
+        execute(["run", "pile", "--particles", "100"])
+
+
 def test_grains_are_pressed_to_a_pressure_that_is_reached_in_seconds_where_none_is_given():
     start = pm.random_packing(30, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.7, seed=1)
     effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.3), pm.Friction(0.5))
