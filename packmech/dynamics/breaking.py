@@ -70,7 +70,7 @@ class BrokenBonds:
         Number of bonds that are left.
     released
         Energy that all breaks together released: the sum of `energy_e`, less the energy of the contacts that took the
-        places of bonds [energy]. Among sliding contacts it also holds what these change by as forces are taken anew,
+        places of bonds [energy]. Where contacts slide it includes their change as forces are evaluated again,
         0.1 % of the sum of `energy_e` in the sheared network of the tests.
 
     Examples

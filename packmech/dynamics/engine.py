@@ -346,7 +346,7 @@ class Engine:
         stretch_bk: NDArray[np.float64],
         ledger: Ledger | None,
     ) -> None:
-        """Make the table of the bonds that are left, and take the forces anew, as a run does that starts from here.
+        """Rebuild the table of bonds without the broken ones, and evaluate the forces, as at the start of a run.
 
         Parameters
         ----------

@@ -33,7 +33,7 @@ BREAKING_MODES = ("tension", "compression", "stretch", "squeeze", "shear")
 class BondLimits:
     """Loads beyond which a bond breaks, for good; each is one number or one for each bond, None where there is none.
 
-    Pulling and pushing are told apart: a bond with a limit in tension alone holds whatever pushes its ends together.
+    Tension and compression have limits of their own: a bond with a limit in tension alone never breaks in compression.
     Forces are those of the springs, without what dashpots add.
 
     Parameters

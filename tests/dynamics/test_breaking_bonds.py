@@ -156,7 +156,8 @@ def test_kinetic_and_released_energy_are_the_energy_at_the_start_to_the_second_o
         assert run.broken_bonds.released == pytest.approx(run.broken_bonds.energy_e.sum(), rel=1e-12)
         assert run.broken_bonds.released > 0.2 * start
         errors.append(abs(end + run.broken_bonds.released - start) / start)
-        assert abs(run.energy_drift) == pytest.approx(errors[-1], rel=1e-2)
+        # the drift is over the largest energy seen, which the same error separates from that at the start
+        assert abs(run.energy_drift) == pytest.approx(errors[-1], rel=errors[-1])
     assert errors[0] < 1e-3
     # the step at which it breaks is another one each time: no exact factor of 4
     assert errors[2] < errors[1] / 2.5 and errors[1] < errors[0] / 2.5
@@ -225,7 +226,7 @@ def test_a_chain_under_its_own_weight_breaks_at_the_topmost_bond():
     assert run.bonds.i_b.tolist() == [1, 2, 3, 4]
     # what hung from it falls as a whole
     fallen = packing.position_nd[1:, 1].mean() - run.packing.position_nd[1:, 1].mean()
-    assert fallen == pytest.approx(0.5 * weight * (99 * 0.02) ** 2, rel=1e-3)
+    assert fallen == pytest.approx(0.5 * weight * (99 * 0.02) ** 2, rel=1e-12)
 
 
 # -- many: limits of single bonds, what a break does to others, threads, checkpoints -----------------------------------

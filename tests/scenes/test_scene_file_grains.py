@@ -18,8 +18,10 @@ def test_a_pile_stands_on_its_floor_under_its_whole_weight():
     floor[list(scene.effects[-2].particles)] = True
     on_floor = floor[found.contacts.j_c] & ~floor[found.contacts.i_c]
     weight = 1e-4 * run.packing.mass_n[~floor].sum()
-    # the floor holds up the whole weight, and pushes nothing aside
-    assert found.force_cd[on_floor].sum(axis=0) == pytest.approx([0.0, weight], abs=1e-4 * weight)
+    # the floor holds up the whole weight and pushes nothing aside, but for what is not balanced on each disc
+    unbalanced = (~floor).sum() * found.residual * found.mean_force
+    assert unbalanced < 1e-5 * weight
+    assert found.force_cd[on_floor].sum(axis=0) == pytest.approx([0.0, weight], abs=unbalanced)
     # the slope of the surface of a collapsed column is below the angle of friction, arctan(.5) = 26.6 degrees
     x, y = run.packing.position_nd[~floor].T
     distance = np.arange(2, 14, 2)
@@ -28,10 +30,10 @@ def test_a_pile_stands_on_its_floor_under_its_whole_weight():
 
 
 def test_the_command_runs_a_pile(tmp_path, capsys):
-    assert execute(["run", "pile", "--json", str(tmp_path / "pile.json"), "--set=drive.force_tolerance=1e-3"]) == 0
-    told = json.loads((tmp_path / "pile.json").read_text())
-    assert told["particles"] == 260
-    assert told["force_residual"] < 1e-3
+    assert execute(["run", "pile", "--json", str(tmp_path / "pile.json")]) == 0
+    numbers = json.loads((tmp_path / "pile.json").read_text())
+    assert numbers["particles"] == 260
+    assert numbers["force_residual"] <= pm.read_scene("pile").drive.force_tolerance
     assert "coordination number" in capsys.readouterr().out
 
 
@@ -45,7 +47,7 @@ def test_grains_are_pressed_to_a_pressure_that_is_reached_in_seconds_where_none_
     effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.3), pm.Friction(0.5))
     run = pm.jam(pm.Scene(start, effects), strain="isotropic")
     assert run.report["pressure_asked"] == 1e-3
-    assert run.report["pressure"] == pytest.approx(1e-3, rel=1e-3)
+    assert run.report["pressure"] == pytest.approx(1e-3, rel=1e-8)
 
 
 def test_the_drive_at_constant_pressure_is_the_call_with_its_fields(tmp_path, capsys):
@@ -54,7 +56,7 @@ def test_the_drive_at_constant_pressure_is_the_call_with_its_fields(tmp_path, ca
     run = pm.shear_at_pressure(scene, rate=3e-3, pressure=1e-3, applied_strain=2.0, skip_strain=1.0, check=False)
     words = ["run", "dense-flow", "--json", str(tmp_path / "flow.json")]
     execute([*words, *(f"--set={name}={value}" for name, value in changes.items())])
-    told = json.loads((tmp_path / "flow.json").read_text())
-    assert told["stress_ratio"] == run.stress_ratio[0]
-    assert told["inertial_number"] == run.inertial_number
+    numbers = json.loads((tmp_path / "flow.json").read_text())
+    assert numbers["stress_ratio"] == run.stress_ratio[0]
+    assert numbers["inertial_number"] == run.inertial_number
     assert "stress over pressure" in capsys.readouterr().out
