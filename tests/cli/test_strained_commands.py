@@ -151,26 +151,9 @@ def test_a_squeezed_crystal_has_the_pressure_of_its_overlaps_and_creep_the_compl
     assert abs(numbers["strain"]) < 1e-2 * numbers["strain_under_stress"]
 
 
-BRITTLE = """
-[packing]
-kind = "lattice"
-name = "square"
-repeats = 4
-relative_overlap = 0.01
-
-[[effects]]
-kind = "repulsion"
-law = "linear-spring"
-
-[[effects]]
-kind = "bonds"
-of = "contacts"
-tangential_stiffness = 0.5
-damping = 0.5
-breaks_at = { stretch = 0.02 }
-
-[drive]
-"""
+DRAG = 'kind = "background-damping"\nrate = 0.5\n'
+BONDS = 'kind = "bonds"\nof = "contacts"\ntangential_stiffness = 0.5\ndamping = 0.5\nbreaks_at = { stretch = 0.02 }\n'
+BRITTLE = CRYSTAL.replace("triangular", "square").replace(DRAG, BONDS)
 
 
 def test_the_numbers_are_those_of_the_bonds_that_are_left(folder, capsys):
