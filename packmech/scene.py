@@ -289,6 +289,11 @@ class QuenchDrive:
         _check_fields(self)
 
 
+# where a packing with friction is pressed to unless a pressure is given: in time, which takes ever longer to come to
+# rest at ever lower pressures [energy_scale / diameter^d]
+ROUGH_PRESSURE = 1e-3
+
+
 @_built_in("packmech.protocols.drives:JAM")
 @dataclass(frozen=True)
 class JamDrive:

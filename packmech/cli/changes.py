@@ -16,12 +16,10 @@ from packmech.cli import SEVERAL
 from packmech.cli.output import WHOLE, show
 from packmech.files.packings import is_packing_file, read_law
 from packmech.files.records import to_table, value_of_text
-from packmech.scene import Scene, registered_drives
+from packmech.scene import ROUGH_PRESSURE, Scene, registered_drives
 from packmech.scenes.recipes import PACKINGS
 from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_of_tables
 
-# pressure at which a scene is jammed that gets friction here [energy_scale / diameter^d]
-_PRESSED = 1e-3
 # packing fraction from which it is pressed then, by dimension: what begins denser than friction lets it jam stays so
 _LOOSE = {2: 0.7, 3: 0.5}
 
@@ -93,9 +91,8 @@ class Changes:
             effects, drive = tables.get("effects"), tables.get("drive")
             if isinstance(effects, list) and all(one.get("kind") != "friction" for one in effects):
                 effects.append({"kind": "friction"})
-                # what is pressed in time takes ever longer to come to rest at ever lower pressures
                 if isinstance(drive, dict) and drive.get("kind") == "jam":
-                    drive["pressure"] = max(_PRESSED, drive.get("pressure", _PRESSED))
+                    drive["pressure"] = max(ROUGH_PRESSURE, drive.get("pressure", ROUGH_PRESSURE))
                     start = tables.get("packing", {})
                     if start.get("kind") == "random" and start.get("shapes") is None:
                         loose = _LOOSE.get(changes.get("packing.dimension", start.get("dimension", 2)), math.inf)

@@ -16,11 +16,11 @@ from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
 from packmech.protocols.protocol import Protocol, check_reachable, is_jammed, report_start
 from packmech.result import Outcome, Run
-from packmech.scene import Scene
+from packmech.scene import ROUGH_PRESSURE, Scene
 from packmech.status import Progress
 
-# pressures at the end where none is given, without friction and with it [energy_scale / diameter^d]
-_PRESSURE, _ROUGH_PRESSURE = 1e-8, 1e-3
+# pressure at the end where none is given, without friction [energy_scale / diameter^d]
+_PRESSURE = 1e-8
 # methods that ship, and what they honor; one of a user's may honor more
 _SHIPPED: tuple[type[JamMethod], ...] = (HardVertex, ProgramChain, Decompression, Press, StepHalving)
 _HONORED = declare(
@@ -176,7 +176,7 @@ def jam(
     honored = dict.fromkeys((*_HONORED.columns, *method.honors.get(strain, "").split()))
     replace(_HONORED, columns=tuple(honored)).check("scene", scene)
     _check_suits(method, scene, strain)
-    usual = _ROUGH_PRESSURE if "friction" in held_columns(scene) else _PRESSURE
+    usual = ROUGH_PRESSURE if "friction" in held_columns(scene) else _PRESSURE
     name, goal = type(method).__name__, usual if pressure is None else positive("pressure", pressure)
     at_pressure = method.ends_at == "a pressure"
     if not at_pressure and pressure is not None:
