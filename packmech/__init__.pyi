@@ -313,7 +313,7 @@ from packmech.validation.work_precision import Trial as Trial
 from packmech.validation.work_precision import Answer as Answer
 
 # figures, pictures and recordings
-from packmech.plotting import plot as plot
+from packmech.plotting.plot import plot as plot
 from packmech.view.recording import record_run as record_run
 from packmech.view.recording import record_packing as record_packing
 from packmech.view.recording import record_motion as record_motion

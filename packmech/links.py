@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, positive_array
-from packmech.display import shown
 from packmech.jit.compiled import kernel
+from packmech.public.display import shown
 
 # images beyond this leave no digits of a position
 _FARTHEST = 2**31

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import function, one_of
-from packmech.display import shown
 from packmech.packing import Packing
+from packmech.public.display import shown
 
 Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 

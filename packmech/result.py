@@ -12,9 +12,9 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.display import as_html, as_text, shown
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
+from packmech.public.display import as_html, as_text, shown
 
 # name, value in words, what the value is or its unit
 Row = tuple[str, str, str]

@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from packmech.check import BoxStrain, instance, integer, one_of, positive, real, two_axes
-from packmech.display import shown
 from packmech.effects import (
     SIGNED,
     Repulsion,
@@ -27,6 +26,7 @@ from packmech.effects import (
 )
 from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
+from packmech.public.display import shown
 
 D = TypeVar("D", bound=type)
 # units of energy, force and stiffness between these have squares that double precision carries

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, integer_array, positive_array
-from packmech.display import shown
+from packmech.public.display import shown
 
 # a director this near to unit length is one already, so that those of a file stay as they are
 _UNIT = 4.0 * float(np.finfo(float).eps)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import packmech
 from packmech.cli.output import show, table
-from packmech.honors import CALLS, COLUMNS
+from packmech.public.honors import CALLS, COLUMNS
 
 
 def effects() -> None:

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from packmech.check import BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains
 from packmech.constraints.jacobian import FORMS, LINK_STRAINS, link_rows, scale_of_strain
-from packmech.display import shown
-from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, strain_directions
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import ANY_LENGTH, honors
 
 # largest dense matrix that is made unless more is asked for [bytes]
 MEMORY_LIMIT = 1e9

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.constraints.factor import ConstraintFactor
-from packmech.honors import ANY_LENGTH, honors
 from packmech.linalg.mandel import trace_vector
 from packmech.packing import Packing
+from packmech.public.honors import ANY_LENGTH, honors
 
 if TYPE_CHECKING:
     import scipy.sparse as sp

@@ -21,11 +21,11 @@ from packmech.constraints.basis import Block, ConstraintBasis, constraint_basis
 from packmech.constraints.factor import ConstraintFactor, Strains
 from packmech.constraints.jacobian import link_rows, scale_of_strain
 from packmech.constraints.redundancy import SINE, DegenerateLink, check_consistent, dependence, workable_links
-from packmech.display import shown
-from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, trace_vector
 from packmech.packing import Packing, no_own_images
+from packmech.public.display import shown
+from packmech.public.honors import ANY_LENGTH, honors
 from packmech.result import NotConverged, Outcome, Run
 
 METHODS = ("clusters", *BASES)

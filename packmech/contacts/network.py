@@ -12,10 +12,10 @@ from packmech.box import Box
 from packmech.check import instance, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.contacts.excluded import Excluded
-from packmech.display import shown
-from packmech.honors import ANY_LENGTH, honors
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import ANY_LENGTH, honors
 from packmech.shapes import Discs
 
 # gaps that rounding of positions makes, in units of it

@@ -26,9 +26,9 @@ from packmech.contacts.network import (
     overlapping_or_all,
 )
 from packmech.contacts.scaled_contact import scaled_contacts
-from packmech.display import shown
-from packmech.honors import honors
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import honors
 from packmech.shapes import Shapes, Spheroids
 
 # changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows

@@ -44,12 +44,12 @@ from packmech.dynamics.observables import (
 )
 from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, EngineSystem, Rule, Span, run_steps
 from packmech.effects import Friction, friction_of
-from packmech.honors import declare
 from packmech.jit.compiled import device, inner_lean, kernel
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
 from packmech.minimize.passes.pair_list import follow
 from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
+from packmech.public.honors import declare
 from packmech.result import Outcome
 from packmech.scene import Scene
 

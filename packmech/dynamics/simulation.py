@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, positive
-from packmech.display import shown
 from packmech.dynamics.breaking import BrokenBonds, numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.energy_drift import (
@@ -67,6 +66,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.minimize.passes.kernels import RUNNING
 from packmech.observables import State, added_arrays, added_rows, measure_added
 from packmech.packing import Packing
+from packmech.public.display import shown
 from packmech.result import Condition, Outcome, Row, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array
-from packmech.display import shown
 from packmech.effects.pair import bound_effect
+from packmech.public.display import shown
 
 
 @shown()

@@ -21,9 +21,9 @@ from packmech.effects.derivatives import (
     default_record,
     may_jump,
 )
-from packmech.honors import EFFECTS
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
+from packmech.public.honors import EFFECTS
 
 E = TypeVar("E", bound=type)
 

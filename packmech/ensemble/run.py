@@ -24,7 +24,7 @@ from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, 
 from packmech.files.packings import PathLike
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
-from packmech.status import Progress, Report, check_progress, shows
+from packmech.public.status import Progress, Report, check_progress, shows
 
 # results of each group as it ended, or the executor's own error
 Replies = Iterator[list[Reply] | BaseException]

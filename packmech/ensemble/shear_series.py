@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import brief, clear_errors, function, instance, integer, one_of, positive, real, two_axes
-from packmech.display import shown
 from packmech.effects import Bonds, Friction, bonds_of, friction_of
 from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
@@ -25,12 +24,13 @@ from packmech.ensemble.members import member_of
 from packmech.ensemble.run import run_ensemble
 from packmech.loop.checkpoint import fingerprint, scene_fingerprints
 from packmech.measure.signals import ERRORS, mean_with_error, yield_strain
+from packmech.public.display import shown
+from packmech.public.status import check_progress, shows
 from packmech.result import NotConverged
 from packmech.rheology.amplitude_sweep import check_amplitudes
 from packmech.rheology.oscillatory import oscillatory_shear
 from packmech.scene import Scene
 from packmech.scenes.scene_file import read_scene, write_scene
-from packmech.status import check_progress, shows
 
 # beside the members: scenes that their parameters name
 SCENES = "scenes"

@@ -23,9 +23,9 @@ from packmech.check import (
     positive_array,
     real,
 )
-from packmech.display import shown
 from packmech.ensemble.table import Ensemble
 from packmech.linalg.line import Line, fit_line
+from packmech.public.display import shown
 
 # what is taken of the values of a group
 STATISTICS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {

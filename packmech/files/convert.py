@@ -24,8 +24,8 @@ from packmech.files.gsd_file import GSD, frame_of, hoomd_lattice, visible_of
 from packmech.files.lammps import nearest_images
 from packmech.files.packings import kept_of, snapshot_of, warn_of
 from packmech.files.snapshot import Snapshot
-from packmech.honors import honors
 from packmech.packing import Packing
+from packmech.public.honors import honors
 
 _ATOMS = Format("ASE Atoms", (), frozenset((SPHEROIDS,)), EXTXYZ.frames, EXTXYZ.write)
 _FRAME = Format("HOOMD", (), EVERYTHING | {BONDS, FORCES, STEP}, GSD.frames, GSD.write, field=numeric)

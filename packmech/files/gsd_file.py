@@ -48,9 +48,9 @@ from packmech.files.npz import FIELD, LINK_GROUP, REQUIRED, arrays_beside, array
 from packmech.files.orientations import ROUNDING, quaternions_to, rotations_of, spheroids_of
 from packmech.files.snapshot import Snapshot
 from packmech.generate.rigid import UnionBody, beads_of, body_of, orientation_of
-from packmech.honors import LINK_TOLERANCE
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
+from packmech.public.honors import LINK_TOLERANCE
 from packmech.shapes import Beads, Shapes, Spheroids
 
 # log chunks of packmech's own, of particles, and of bonds

@@ -37,7 +37,6 @@ from typing import Any, TypeVar, overload
 
 from packmech.box import Box
 from packmech.check import brief, clear_errors, instance, integer, warn
-from packmech.display import shown
 from packmech.effects.laws import is_law
 from packmech.files import npz
 from packmech.files.extended_xyz import EXTXYZ
@@ -48,9 +47,10 @@ from packmech.files.npz import NPZ
 from packmech.files.snapshot import Snapshot
 from packmech.files.table_text import CSV, PLAIN
 from packmech.files.vtk_file import VTK
-from packmech.honors import honors
 from packmech.packing import Packing
-from packmech.status import shown_as
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")

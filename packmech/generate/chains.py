@@ -21,7 +21,7 @@ from packmech.generate.random import SizeDistribution, box_for, generator_of, sh
 from packmech.jit.compiled import kernel
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density
-from packmech.status import shown_as
+from packmech.public.status import shown_as
 
 Point = tuple[float, ...]
 # a bond: the numbers of its beads, where it starts, its vector, and the image of its second bead (none: the first one)

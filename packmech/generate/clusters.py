@@ -23,10 +23,10 @@ from packmech.generate.random import (
     sizes_of,
     start_fraction,
 )
-from packmech.honors import honors
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density, no_own_images
-from packmech.status import shown_as
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 
 # positions tried for a cluster of a packing before it may overlap others by so much more
 _TRIES, _MORE = 50, 0.05

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import instance, integer_array
 from packmech.contacts.fused_volume import union_moments
-from packmech.honors import honors
 from packmech.links import image_offsets
 from packmech.packing import Packing
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.shapes import Beads
-from packmech.status import shown_as
 
 # components of places smaller than this, relative to the body's radius, have no sign
 _NO_SIDE = 1e-6

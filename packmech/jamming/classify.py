@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from packmech.check import BoxStrain, instance, integer, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.given import check_given
-from packmech.honors import honors
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
 from packmech.jamming.certificates import Finding, certify, yield_to_loads
 from packmech.jamming.contact_selection import (
@@ -37,8 +36,9 @@ from packmech.jit.blas import single_thread
 from packmech.measure.rattlers import without
 from packmech.mechanics.hessian import is_stable
 from packmech.packing import Packing, no_own_images, no_tangential
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The
 # condition is P N^2 << 1; 53 of 60 packings had no surplus contact at 0.04, 13 of 20 at 0.7, none at 10.)

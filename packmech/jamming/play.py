@@ -18,9 +18,7 @@ from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.pairs import pair_names
-from packmech.display import shown
 from packmech.effects import Repulsion
-from packmech.honors import honors
 from packmech.jamming.contact_selection import ContactSelection, select_contacts
 from packmech.jamming.verdict import UnjammingMotion
 from packmech.jit.blas import single_thread
@@ -32,8 +30,10 @@ from packmech.measure.rattlers import rattling_particles
 from packmech.measure.stress import energy
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing, no_own_images
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import Progress, check_progress, is_watched, shows
 from packmech.scene import Scene
-from packmech.status import Progress, check_progress, is_watched, shows
 
 # what is left of a step where contacts hold a motion up [1]
 _STANDSTILL = 0.02

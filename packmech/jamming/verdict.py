@@ -13,11 +13,11 @@ from packmech.check import BoxStrain
 from packmech.constraints.motion_rules import follow_links
 from packmech.constraints.projection import reaffix_links
 from packmech.contacts import Contacts
-from packmech.display import shown
 from packmech.jamming.contact_selection import ContactSelection, RestCheck
 from packmech.jamming.motion_cone import MotionCone
 from packmech.linalg.mandel import mandel_tensor, strain_components
 from packmech.packing import Packing
+from packmech.public.display import shown
 from packmech.result import Solve
 
 JAMMED, NOT_JAMMED, AMBIGUOUS = "jammed", "not jammed", "ambiguous"

@@ -18,8 +18,8 @@ from packmech.check import instance, integer, positive
 from packmech.jit.compiled import compile_clock
 from packmech.jit.interrupts import held_interrupts, safe_interrupts
 from packmech.loop.checkpoint import check_path
+from packmech.public.status import Progress, Report, check_progress, is_watched, shows
 from packmech.result import NotConverged, Outcome, Run
-from packmech.status import Progress, Report, check_progress, is_watched, shows
 
 R = TypeVar("R", bound=Run)
 

@@ -15,7 +15,6 @@ from packmech.contacts import Contacts
 from packmech.contacts.coulomb_limit import CoulombLimit, find_at_limit
 from packmech.contacts.rattlers import rough_ends_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.display import shown
 from packmech.effects import (
     Interactions,
     ShapedTerms,
@@ -32,11 +31,12 @@ from packmech.effects import (
     total_push,
 )
 from packmech.effects.single import SingleTerms
-from packmech.honors import STRAINED, honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import sum_both, tangential_forces
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import STRAINED, honors
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force

@@ -7,9 +7,9 @@ import math
 from packmech.check import instance, one_of, warn
 from packmech.contacts.fused_volume import shared_volume
 from packmech.contacts.shape_contacts import touching_pairs
-from packmech.honors import honors
 from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing, no_tangential
+from packmech.public.honors import honors
 
 # overlaps of less than this part of the contact distance are rounding [1]
 _ROUNDING = 1e-9

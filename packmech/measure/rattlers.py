@@ -26,7 +26,6 @@ from packmech.contacts.elements import distance_rows, end_slopes
 from packmech.contacts.given import check_given, contacts_of
 from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, turns_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.display import shown
 from packmech.effects import (
     Walls,
     find_interactions,
@@ -35,15 +34,16 @@ from packmech.effects import (
     single_effects,
     wall_sides,
 )
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images, no_tangential
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.result import Outcome
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 # singular values below this fraction of the largest are zero
 _RANK = 1e-5

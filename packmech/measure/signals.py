@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import clear_errors, finite_array, integer, one_of, positive, real
-from packmech.display import shown
+from packmech.public.display import shown
 
 ERRORS = ("standard", "bootstrap")
 

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from packmech.check import instance, one_of
 from packmech.contacts import Contacts
-from packmech.honors import STRAINED, honors
 from packmech.measure.contact_forces import resting_forces
+from packmech.public.honors import STRAINED, honors
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import instance
-from packmech.display import shown
 from packmech.effects import (
     Repulsion,
     contact_terms,
@@ -16,8 +15,9 @@ from packmech.effects import (
     refuse_unknown_to_shapes,
     wall_sides,
 )
-from packmech.honors import honors
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import honors
 from packmech.scene import Scene
 
 

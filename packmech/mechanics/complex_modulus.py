@@ -27,7 +27,6 @@ from packmech.contacts.elements import Elements, elements_of
 from packmech.contacts.fused_volume import second_moments
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.contacts.tangential_elements import tangential_elements
-from packmech.display import shown
 from packmech.effects import (
     BackgroundDamping,
     acting_contacts,
@@ -42,7 +41,6 @@ from packmech.effects import (
     total_push,
 )
 from packmech.effects.single import places_in_cell
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import tangential_forces
 from packmech.mechanics.assembly import Assembled, assemble
@@ -50,8 +48,10 @@ from packmech.mechanics.network import network_among
 from packmech.mechanics.relaxation import general_factors
 from packmech.mechanics.system import across_bonds, closed_terms, single_second
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 MODES = ("shear", "uniaxial", "isotropic")
 # largest net force over the mean force at which a scene counts as being at rest

@@ -12,9 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
-from packmech.display import shown
 from packmech.effects import Friction, acting_friction, bonds_of
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import (
     isochoric_basis,
@@ -38,8 +36,10 @@ from packmech.mechanics.frictional import (
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
 from packmech.mechanics.relaxation import RelaxedStrains, relax
 from packmech.mechanics.system import System, bordered, system_of
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
 _INCONSISTENT = 1e-6

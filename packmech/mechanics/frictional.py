@@ -25,17 +25,17 @@ from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import pair_rows
 from packmech.contacts.tangential_elements import tangential_elements
-from packmech.display import shown
 from packmech.effects import ContactTerms, friction_or_zero
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces, unless_at_rest
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 # kinds of stiffness
 _KINDS: tuple[Kind, ...] = ("exact", "unstressed")

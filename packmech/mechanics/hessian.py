@@ -19,7 +19,6 @@ from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.effects import acts_on_single, held_particles
-from packmech.honors import STRAINED, honors
 from packmech.linalg.mandel import isochoric_basis, mandel_vector, strain_directions
 from packmech.mechanics.linked_systems import (
     link_motions,
@@ -29,8 +28,9 @@ from packmech.mechanics.linked_systems import (
     soft_shift,
 )
 from packmech.mechanics.system import System, bordered, system_of
+from packmech.public.honors import STRAINED, honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 CURVATURES = ("det", "trace")
 

@@ -15,8 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import KINDS, BoxStrain, Kind, bin_edges, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.jacobian import scale_of_strain
-from packmech.display import shown
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.measure.contact_forces import resting_forces, unless_at_rest
@@ -24,8 +22,10 @@ from packmech.mechanics.hessian import check_choices, check_strain_of_box, corne
 from packmech.mechanics.linked_systems import Operator, link_motions, operator_of, rows_on
 from packmech.mechanics.network import Network
 from packmech.mechanics.system import bordered, system_of
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 METHODS = ("auto", "dense", "shift-invert")
 # the shift lies this far below zero, in units of (a bound on) the largest eigenvalue

@@ -17,16 +17,16 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import STRAINS, BoxStrain, finite_array, instance, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.display import shown
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.self_stress import RANK_TOLERANCE, floppy_modes
 from packmech.mechanics.system import system_of
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
 from packmech.shapes import Beads
-from packmech.status import shown_as
 
 # largest memory of the modes [bytes]
 _BASIS_BYTES = 3e9

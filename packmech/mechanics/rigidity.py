@@ -14,9 +14,9 @@ from packmech.contacts import Contacts
 from packmech.contacts.elements import PairGeometry, distance_rows
 from packmech.contacts.given import contacts_of
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.honors import honors
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.packing import Packing
+from packmech.public.honors import honors
 
 
 def strain_columns(contacts: PairGeometry) -> NDArray[np.float64]:

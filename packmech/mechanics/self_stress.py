@@ -22,8 +22,6 @@ from packmech.contacts import Contacts
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.given import contacts_of
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.display import shown
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import Factorization, eigenvalues_below, factorize
 from packmech.linalg.mandel import strain_directions
@@ -31,7 +29,9 @@ from packmech.mechanics.linked_systems import rows_on
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing
-from packmech.status import shown_as
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 
 METHODS = ("auto", "dense", "sparse")
 # singular values below this fraction of the largest are zero (1e-10 in eigenvalues of A^T A)

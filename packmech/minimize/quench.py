@@ -21,7 +21,6 @@ from packmech.effects import (
     refuse_unknown_to_shapes,
     single_effects,
 )
-from packmech.honors import honors
 from packmech.jit.compiled import compiling_noted
 from packmech.loop.run_loop import RunLoop, RunSettings, run_settings
 from packmech.mechanics.stability import Stability, stability
@@ -34,9 +33,10 @@ from packmech.minimize.program import Evaluation, Minimization, Minimizer, Progr
 from packmech.minimize.second_order.newton import Newton, displaced, polish
 from packmech.observables import State, measure_added
 from packmech.packing import Packing
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
-from packmech.status import Progress
 
 # the default route hands over to Newton's method here, where contacts no longer change
 _HAND_OVER = 1e-6

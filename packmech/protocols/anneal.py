@@ -14,7 +14,6 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.generate.cluster_shapes import LinearCluster
 from packmech.generate.random import generator_of
 from packmech.generate.rigid import beads_of, body_of
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, RunSettings, run_settings
 from packmech.packing import Packing, no_own_images
@@ -22,10 +21,11 @@ from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
 from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, check_jammed, finish, in_turn, is_jammed, report_start, sequence
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
-from packmech.status import Progress
 
 # growth of the packing fraction in each step of compression, net force over mean contact force at which FIRE stops in
 # each box, and its maximum number of steps

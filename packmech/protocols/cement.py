@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from packmech.check import Kind, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
-from packmech.display import shown
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.links import Links
@@ -28,8 +26,10 @@ from packmech.mechanics.network import contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.system import assembled_system, bordered, closed_terms
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import shown_as
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 FREEZE = ("angles", "clusters", "nothing")
 ORDERS = ("random", "aggregate")

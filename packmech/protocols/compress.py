@@ -11,7 +11,6 @@ import numpy as np
 
 from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.contacts.pairs import pair_names
-from packmech.honors import honors
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.minimize.second_order.soft_network import isochoric_part
 from packmech.minimize.second_order.soft_newton import SoftState, find_bottom, judge, newton
@@ -29,9 +28,10 @@ from packmech.protocols.protocol import (
     sequence,
 )
 from packmech.protocols.soft import follow_pressure
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
-from packmech.status import Progress
 
 # first distance above the onset
 _FIRST = 1e-7

@@ -14,9 +14,9 @@ from packmech.protocols.jam import jam
 from packmech.protocols.method import registered_methods
 from packmech.protocols.settle import settle
 from packmech.protocols.shearing.shear_stabilize import shear_stabilize
+from packmech.public.status import Progress
 from packmech.result import Run
 from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, SettleDrive, ShearStabilizeDrive
-from packmech.status import Progress
 
 
 def _quench(drive: QuenchDrive, scene: Scene, *, frames: int, progress: Progress) -> Run:

@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 
 from packmech.check import BoxStrain, clear_errors, instance, one_of, positive
-from packmech.honors import declare
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
@@ -15,9 +14,10 @@ from packmech.protocols.method import JamMethod, held_columns
 from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
 from packmech.protocols.protocol import Protocol, check_reachable, is_jammed, report_start
+from packmech.public.honors import declare
+from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import ROUGH_PRESSURE, Scene
-from packmech.status import Progress
 
 # pressure at the end where none is given, without friction [energy_scale / diameter^d]
 _PRESSURE = 1e-8

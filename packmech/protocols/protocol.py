@@ -20,7 +20,6 @@ from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import law_of, refuse_unknown_to_shapes
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.linalg.mandel import mandel_basis, strain_directions
@@ -39,6 +38,7 @@ from packmech.minimize.quench import find_crossings, pairs_crossing
 from packmech.minimize.second_order.soft_network import Load, SoftNetwork, Units, length_unit, scaled_load
 from packmech.minimize.second_order.soft_newton import FLOORS, rounding_floor
 from packmech.packing import Packing
+from packmech.public.honors import honors
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 

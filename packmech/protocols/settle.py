@@ -12,15 +12,15 @@ from packmech.check import instance, integer, positive
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans, with_dashpot
 from packmech.effects import refuse_free_fall
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.mechanics.stability import Stability, stability
 from packmech.packing import Packing
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
-from packmech.status import Progress
 
 # time between two looks at the motion, over that of a contact
 _SPAN = 10.0

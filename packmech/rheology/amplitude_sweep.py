@@ -9,14 +9,14 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.display import shown
-from packmech.honors import honors
 from packmech.measure.signals import softening_strain, yield_strain
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import Report, check_progress
 from packmech.result import NotConverged
 from packmech.rheology.arguments import Several, SeveralRuns, listed, listed_numbers, run_each, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear
 from packmech.scene import Scene
-from packmech.status import Report, check_progress
 
 
 @shown(lambda sweep: _headline(sweep))

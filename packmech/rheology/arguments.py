@@ -17,9 +17,9 @@ from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
 from packmech.loop.run_loop import RunLoop, run_settings
+from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
-from packmech.status import Progress
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")

@@ -14,13 +14,13 @@ from packmech.check import instance, integer, positive, real, two_axes
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans
-from packmech.honors import honors
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_drift, block_mean
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.scene import Scene
-from packmech.status import Progress
 
 # time between two looks at the stress, over that of a contact, and most strain between them
 _SPAN, _STRAIN = 10.0, 0.01

@@ -14,6 +14,7 @@ from packmech.dynamics.simulate import simulate, simulate_from
 from packmech.dynamics.simulation import Simulation
 from packmech.effects import Bonds
 from packmech.loop.checkpoint import RunsFile
+from packmech.public.status import Progress
 from packmech.rheology.arguments import runs_file
 from packmech.rheology.at_pressure import PressureShear, shear_at_pressure
 from packmech.rheology.equilibrate import equilibrate
@@ -22,7 +23,6 @@ from packmech.rheology.steady import FlowCurve, creep, ramp_strain, steady_shear
 from packmech.rheology.strain_run import StrainRun
 from packmech.rheology.walls import rough_plates
 from packmech.scene import DriveCode, OscillatoryShearDrive, Scene, ShearAtPressureDrive, SimulateDrive
-from packmech.status import Progress
 
 # arguments of oscillatory shear that the periods at rest before it take, too
 _AT_REST = (

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import instance, integer, positive
-from packmech.display import shown
 from packmech.dynamics.deformation import gamma_at
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import PairForces, pair_forces
 from packmech.effects import Walls
-from packmech.honors import honors
 from packmech.loop.checkpoint import saved_array
 from packmech.measure.signals import Demodulation
 from packmech.packing import Packing
+from packmech.public.display import shown
+from packmech.public.honors import honors
 from packmech.result import Row
 from packmech.rheology.arguments import StrainSettings
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from packmech.check import clear_errors, instance, integer
+from packmech.public.status import Progress, check_progress
 from packmech.scene import Scene, drive_code
-from packmech.status import Progress, check_progress
 
 
 def takes_checkpoint(scene: Scene) -> bool:

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.check import clear_errors, function, integer, positive
-from packmech.display import shown
 from packmech.linalg.line import fit_line, windows_without_ends
+from packmech.public.display import shown
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from packmech.check import instance, integer, one_of
 from packmech.packing import Packing
+from packmech.public.status import shown_as
 from packmech.result import Run
 from packmech.scene import Scene
-from packmech.status import shown_as
 from packmech.view import drawing
 from packmech.view.trajectory import Curve, DrawnFrame, PackingFrame, Trajectory, draw_moving, trajectory_of_run
 

@@ -29,10 +29,10 @@ from packmech.jamming.play import PlayedMotion
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
 from packmech.packing import Packing
+from packmech.public.status import shown_as
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Discs, Spheroids
-from packmech.status import shown_as
 from packmech.view import drawing
 from packmech.view.trajectory import (
     Curve,

@@ -29,9 +29,9 @@ from packmech.mechanics.network import contact_network
 from packmech.mechanics.quartic import quartic_modes
 from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
+from packmech.public.status import shown_as
 from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
 from packmech.scene import Scene
-from packmech.status import shown_as
 
 # what a part of the examination may raise for a packing that does not allow it; the other parts still count
 REFUSALS = (NotConverged, np.linalg.LinAlgError, ValueError)

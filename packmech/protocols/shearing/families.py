@@ -17,9 +17,7 @@ from packmech.contacts.network import find_contacts, pair_contacts
 from packmech.contacts.overlaps import overlap_of_hard
 from packmech.contacts.pairs import are_among
 from packmech.contacts.rattlers import rattlers_of
-from packmech.display import shown
 from packmech.effects import Harmonic, Repulsion
-from packmech.honors import honors
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, search_hard, start_state
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -34,9 +32,11 @@ from packmech.protocols.protocol import Protocol
 from packmech.protocols.shearing.hard_discs import HardDiscs
 from packmech.protocols.shearing.hard_path import Change, HardPath, Vertex
 from packmech.protocols.shearing.hard_shapes import HardShapes
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
-from packmech.status import Progress
 
 # a jammed packing is as near as this to its hard packing [mean diameter], and its volume [1]
 _NEARBY, _DENSER = 0.1, 0.01

@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.shape_contacts import touching_pairs
-from packmech.display import shown
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, RunSettings, run_settings
 from packmech.measure.counting import packing_fraction
@@ -25,9 +23,11 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, check_jammed, finish
 from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
+from packmech.public.display import shown
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
-from packmech.status import Progress
 
 _COLUMNS = (
     "strain", "shear_stress", "pressure", "packing_fraction", "energy", "work", "modulus", "contacts", "network",

@@ -13,12 +13,12 @@ from packmech.check import instance, positive, two_axes
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans
 from packmech.effects import BackgroundDamping
-from packmech.honors import honors
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
-from packmech.status import Progress
 
 # time of a span over that of a contact, and fraction of the shortest time of a contact that a step takes
 _SPAN, _STEP = 10.0, 0.15

@@ -5,16 +5,16 @@ from __future__ import annotations
 import time
 
 from packmech.check import instance, integer, positive
-from packmech.honors import honors
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.minimize.second_order.soft_newton import SoftState, judge, newton
 from packmech.packing import Packing
 from packmech.protocols.linked_jam import stabilize_linked
 from packmech.protocols.protocol import Protocol, finish
+from packmech.public.honors import honors
+from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
-from packmech.status import Progress
 
 _FIRST_TOLERANCE = 1e-2
 _TIGHTER = 0.03

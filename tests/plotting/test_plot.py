@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.plotting import _FIGURES
+from packmech.plotting.plot import _FIGURES
 
 matplotlib.use("agg")
 
@@ -194,7 +194,7 @@ def test_what_has_no_figure_and_what_is_no_option_are_refused_by_name():
 
 
 def test_a_picture_beside_a_result_is_made_of_every_kind_that_has_one():
-    from packmech.plotting import picture_of
+    from packmech.plotting.plot import picture_of
 
     assert picture_of(3) == ""
     assert {type(one) for one in (jammed(), jammed().packing)} <= set(_FIGURES)

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from packmech.docstrings import first_sentence, meanings_of, unit_in
+from packmech.public.docstrings import first_sentence, meanings_of, unit_in
 
 C = TypeVar("C", bound=type)
 
@@ -22,7 +22,7 @@ _FEW = 6
 Row = tuple[str, str, str]
 
 # small pictures of what can be seen; drawn in a room above, found by its name when a notebook asks
-_PICTURE = "packmech.plotting:picture_of"
+_PICTURE = "packmech.plotting.plot:picture_of"
 
 
 def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:
