@@ -24,6 +24,7 @@ STAGE_HEADINGS = ("step", "residual", "force evaluations", "CPU s", "")
 _REPORT_NOTES = {
     "packing_fraction": "rattlers included",
     "jamming_packing_fraction": "of the hard packing, rattlers included",
+    "onset_between": "packing fractions without overlaps and under pressure",
     "pressure": "energy_scale / diameter^{d}",
     "pressure_asked": "energy_scale / diameter^{d}",
     "contacts": "between particles that are no rattlers",
@@ -372,7 +373,7 @@ class Run:
         reported = {
             name: value
             for name, value in self.report.items()
-            if isinstance(value, bool | int | float | str) and name != "particles"
+            if _is_shown(value) and name != "particles"
         }
         return [
             *self.outcome_rows(),
@@ -380,7 +381,7 @@ class Run:
             *(
                 (
                     name.replace("_", " "),
-                    f"{value:.8g}" if isinstance(value, float) else str(value),
+                    _in_digits(value),
                     _REPORT_NOTES.get(name, "").format(d=self.packing.dimension),
                 )
                 for name, value in reported.items()
@@ -430,6 +431,20 @@ class Run:
         if self.trace is None:
             raise ValueError("subject must be a run with a trace (trace_every=...), got one without")
         return self.trace.table(self.about())
+
+
+def _is_shown(value: Any) -> bool:
+    """Whether a reported value is a number, a word, or some numbers, which a line has room for."""
+    if isinstance(value, tuple):
+        return bool(value) and all(isinstance(one, float) for one in value)
+    return isinstance(value, bool | int | float | str)
+
+
+def _in_digits(value: bool | int | float | str | tuple[float, ...]) -> str:
+    """Return a reported value as text; numbers side by side have the digits that tell them apart near jamming."""
+    if isinstance(value, tuple):
+        return ", ".join(f"{one:.10f}" for one in value)
+    return f"{value:.8g}" if isinstance(value, float) else str(value)
 
 
 def _plain(value: Any) -> Any:

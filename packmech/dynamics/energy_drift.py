@@ -264,7 +264,7 @@ class RowWatch:
     every
         Steps from row to row.
     released
-        Energy that breaking bonds released until a time; none unless given.
+        Energy that breaking bonds released until a time.
 
     """
 
@@ -273,7 +273,7 @@ class RowWatch:
         scene: Scene,
         direction_dd: NDArray[np.float64],
         every: int,
-        released: Callable[[float], float] = lambda time: 0.0,
+        released: Callable[[float], float],
     ) -> None:
         self.released = released
         frictional = friction_of(scene.effects) is not None

@@ -178,9 +178,9 @@ def rows_of(stress, kinetic):
 def test_rows_of_figures_are_watched_as_they_come():
     shear = np.array([[0.0, 1.0], [0.0, 0.0]])
     worked, grown = rows_of(2.0, 0.2 * np.arange(6.0)), rows_of(0.0, 0.2 * np.arange(6.0))
-    watch = RowWatch(scene_of(), shear, 100)
+    watch = RowWatch(scene_of(), shear, 100, lambda time: 0.0)
     assert watch.is_calm(worked[:1]) and watch.is_calm(worked[:4]) and watch.is_calm(worked)
-    assert not RowWatch(scene_of(), shear, 100).is_calm(grown)
+    assert not RowWatch(scene_of(), shear, 100, lambda time: 0.0).is_calm(grown)
 
 
 def lone(kind):

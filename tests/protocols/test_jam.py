@@ -93,6 +93,7 @@ def test_no_pair_of_the_hard_packing_overlaps_and_all_its_contacts_touch(fixed):
 def test_both_sides_of_the_onset_are_held(strain, fixed, free):
     run = fixed if strain == "isotropic" else free
     apart, (low, high) = run.report["packing_below_onset"], run.report["onset_between"]
+    assert f"{low:.10f}, {high:.10f}" in str(run.summary())
     assert len(pm.find_contacts(apart)) == 0
     onset = run.report["jamming_packing_fraction"]
     assert onset - 1e-12 < low <= onset < high
