@@ -370,11 +370,7 @@ class Run:
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        reported = {
-            name: value
-            for name, value in self.report.items()
-            if _is_shown(value) and name != "particles"
-        }
+        reported = {name: value for name, value in self.report.items() if _is_shown(value) and name != "particles"}
         return [
             *self.outcome_rows(),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
