@@ -8,8 +8,7 @@ Prints, with a margin for other seeds, of which five others were run:
     jammed of 100 new starts = 100 +- 30
     steps in the last tenth of the training = 8.1 +- 4
 
-Time: 358 s, as a processor counts, with compiled code on disk. Larger: recordings/learning.py, with actions that are
-any change and shear, tuned settings, and a policy at random beside it.
+Time: 358 s, as a processor counts, with compiled code on disk. Larger: a scene of more particles (option `scene`).
 """
 
 import sys

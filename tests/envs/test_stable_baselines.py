@@ -1,16 +1,12 @@
 """Batches behind the interface of stable-baselines3, and an agent that learns (with the extra `learning`)."""
 
-import importlib.util
 import sys
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from packmech_envs.batched import QuenchVectorEnv
 from packmech_envs.stable_baselines import as_vec_env
-
-SCRIPT = Path(__file__).parents[2] / "recordings" / "learning.py"
 
 
 def test_without_stable_baselines_the_error_names_the_extra(monkeypatch):
@@ -77,19 +73,3 @@ def test_the_defaults_of_a_learner_learn_to_jam():
         observation, _, done, infos = new.step(actions)
         jammed = {b: infos[b]["jammed"] for b in np.flatnonzero(done)} | jammed
     assert sum(jammed.values()) >= 70
-
-
-@pytest.mark.slow
-def test_an_agent_learns_to_jam(monkeypatch):
-    pytest.importorskip("stable_baselines3")
-    monkeypatch.syspath_prepend(SCRIPT.parent)
-    loader = importlib.util.spec_from_file_location("learning", SCRIPT)
-    learning = importlib.util.module_from_spec(loader)
-    loader.loader.exec_module(learning)
-    model, envs, rows = learning.learn(50_000)
-    trained = learning.returns(learning.trained_policy(model, envs))
-    random = learning.returns(learning.random_policy())
-    _, _, apart = learning.compare(trained, random)
-    assert apart > 3.0
-    assert trained[:, 2].mean() > random[:, 2].mean() + 0.2
-    assert len(rows) > 1000
