@@ -5,6 +5,7 @@ From the top folder: python -m tests.guide_pages
 
 from __future__ import annotations
 
+import ast
 import sys
 from pathlib import Path
 
@@ -61,9 +62,22 @@ def outcomes_table() -> str:
     return markdown_table(("outcome", "success", "what it says"), rows)
 
 
+def modules_list() -> str:
+    """Return what each module of packmech is for, by folder: the first paragraphs of their docstrings."""
+    found: dict[str, list[str]] = {}
+    for path in sorted(GUIDE.parent.rglob("*.py")):
+        if path.name == "__init__.py":
+            continue
+        text = ast.get_docstring(ast.parse(path.read_text("utf-8"))) or ""
+        about = " ".join(text.partition("\n\n")[0].split())
+        folder = path.parent.relative_to(GUIDE.parent.parent).as_posix()
+        found.setdefault(folder, []).append(f"- `{path.name}`: {about}\n")
+    return "\n".join(f"### {folder}\n\n" + "".join(found[folder]) for folder in sorted(found))
+
+
 # whole pages, and tables that stand in pages that are written by hand
 PAGES = {"scene-files": scene_reference, "effects": effects_page}
-TABLES = {"errors": {"outcomes": outcomes_table}}
+TABLES = {"errors": {"outcomes": outcomes_table}, "architecture": {"modules": modules_list}}
 
 
 def made_pages() -> dict[str, str]:
