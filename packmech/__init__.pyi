@@ -342,6 +342,7 @@ from packmech.jit.compiled import kernel as kernel
 
 #: shear_modulus, bulk_modulus, young_modulus, poisson_ratio, elastic_constants, elasticity -> elastic_moduli
 #: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
+#: hessian_matrix, stiffness_tensor -> hessian, elastic_moduli
 #: dos, vdos, vibrational_density, phonons, spectrum -> density_of_states
 #: eigenmodes, vibrations, normal_mode, frequencies -> normal_modes
 #: onset, onset_between, bracket, jamming_point, phi_j -> jam, compress

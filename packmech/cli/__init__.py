@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib.metadata import version
 from types import FrameType
@@ -117,6 +118,7 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 def main() -> None:
     """Run the command; an error of the input or of convergence is one line and an exit code."""
     signal.signal(signal.SIGTERM, _terminate)
+    warnings.formatwarning = lambda message, *_: f"packmech: {message}\n"
     try:
         sys.exit(execute(sys.argv[1:]))
     except BrokenPipeError:  # whoever reads the output has seen enough

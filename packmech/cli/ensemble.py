@@ -18,7 +18,7 @@ from packmech.ensemble.folder import make_members, prepare
 from packmech.ensemble.jobs import check_parameters, job_table
 from packmech.ensemble.members import members_of, values_in
 from packmech.ensemble.row import write_row as write_workflow
-from packmech.ensemble.run import resume_ensemble, run_ensemble
+from packmech.ensemble.run import failures_said_elsewhere, resume_ensemble, run_ensemble
 from packmech.ensemble.statistics import fit_power_law, group_statistics, varied_parameters
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.files.packings import is_packing_file
@@ -311,6 +311,7 @@ def _carried_out(scheduler: str | None, carry_out: Callable[[Executor | None, Ca
     with (
         working("ensemble") as say,
         _executor(scheduler) as executor,
+        failures_said_elsewhere(),
     ):
         found = carry_out(executor, lambda stage, figures: say(_progress_words(figures)))
     return _status(found)

@@ -24,7 +24,7 @@ from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
 from packmech.files.packings import PathLike
-from packmech.jit.source_key import function_key
+from packmech.jit.source_key import function_key, written_key
 from packmech.packing import Packing
 from packmech.result import NotConverged, Run
 from packmech.scene import Scene, scene_after
@@ -81,7 +81,7 @@ def job_table(
             raise ValueError("measures must be names where job is a function: it returns what it measures")
         reference = _reference("job", job, here) if named is None else named
         if named is not None or not here:
-            function_at(reference, "job")
+            reference = _with_code(reference, function_at(reference, "job"))
         return table | {"function": reference}
     if isinstance(job, Scene):
         with tempfile.TemporaryDirectory() as place:
@@ -118,7 +118,7 @@ def functions_of(job: Any, measures: Sequence[Any] | None) -> Functions:
 def _measure(measure: Any, here: bool) -> Any:
     if isinstance(measure, str):
         found = _named_function(measure)
-        return measure if found is None else found
+        return measure if found is None else _with_code(found, function_at(found, "measures"))
     if not callable(measure):
         raise TypeError(f"measures must be names or functions, got {brief(measure)}")
     return _reference("measures", measure, here)
@@ -156,8 +156,14 @@ def _reference(argument: str, function: Any, here: bool = False) -> dict[str, st
         return {"module": str(module), "name": name, "root": ""}
     stem = path.with_suffix("") if path.stem != "__init__" else path.parent
     if list(stem.parts[-len(parts) :]) == parts:
-        return {"module": str(module), "name": name, "root": str(stem.parents[len(parts) - 1])}
-    return {"module": path.stem, "name": name, "root": str(path.parent)}
+        return _with_code({"module": str(module), "name": name, "root": str(stem.parents[len(parts) - 1])}, function)
+    return _with_code({"module": path.stem, "name": name, "root": str(path.parent)}, function)
+
+
+def _with_code(reference: dict[str, str], function: Callable[..., Any]) -> dict[str, str]:
+    """Return a reference that also says what text the function has; of an installed one its name says enough."""
+    code = written_key(function) if reference["root"] else None
+    return reference if code is None else reference | {"code": code}
 
 
 def is_installed(path: Path) -> bool:
@@ -198,7 +204,26 @@ def function_at(
             raise ValueError(f"{argument} must be in a module that can be imported, got {module}: {error}") from error
     if not callable(found):
         raise ValueError(f"{argument} must be a function, got {module}:{name}, which is {found!r}")
+    if "code" in reference and reference["code"] != written_key(found):
+        raise ValueError(
+            f"{argument} must be the function that the folder was made with, got {module}:{name} with another text: "
+            "run it into a new folder"
+        )
     return found  # type: ignore[no-any-return]
+
+
+def check_functions(table: Mapping[str, Any]) -> None:
+    """Refuse a job of functions in files that have changed since its folder was made.
+
+    Raises
+    ------
+    ValueError
+        Naming the function.
+
+    """
+    for argument, one in [("job", table.get("function")), *(("measures", one) for one in table["measures"] or ())]:
+        if isinstance(one, Mapping) and one["root"]:
+            function_at(one, argument)
 
 
 def check_parameters(table: Mapping[str, Any], member: Member, given: Functions | None = None) -> None:

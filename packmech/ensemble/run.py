@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import queue
 import threading
 import time
 import uuid
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
@@ -15,9 +17,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from packmech.check import brief, clear_errors, function, instance, integer, listed, positive
 from packmech.ensemble.folder import WORKSPACE, FolderError, find, listed_members, make_members, prepare, read_job
-from packmech.ensemble.jobs import Functions, check_parameters, functions_of, job_table, run_member
+from packmech.ensemble.jobs import Functions, check_functions, check_parameters, functions_of, job_table, run_member
 from packmech.ensemble.members import Grid, Member, members_of, part_of
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, can_limit_memory, carry_out
@@ -134,7 +138,8 @@ def run_ensemble(
     workers
         How many processes on this machine; None: one for each core. Not for an executor. 0: none, members run here, one
         after the other; any callable is a job then, such as a closure or a function of a notebook, which the folder
-        knows by its name, and by its code where it has one. Limits, which need a process, are refused then.
+        knows by its name and its text: another folder is asked for where that has changed. Limits, which need a
+        process, are refused then.
     time_limit, memory_limit
         Of each member: wall time without compiling [s], and memory of its process [bytes]. A member beyond is ended and
         has failed.
@@ -188,7 +193,7 @@ def run_ensemble(
     prepare(place, table)
     make_members(place, members)
     _complete(place, members, settings, functions)
-    return read_ensemble(place)
+    return _with_warning(read_ensemble(place))
 
 
 @clear_errors
@@ -232,7 +237,7 @@ def resume_ensemble(
     """
     settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
     place = _folder(folder, settings.workers == 0)
-    read_job(place)
+    check_functions(read_job(place))
     there = listed_members(place)
     if members is not None:
         known = {one.id: one for one in there}
@@ -242,7 +247,29 @@ def resume_ensemble(
             raise ValueError(f"members must be folders in {place}, got {', '.join(unknown)}")
         there = [known[name] for name in names]
     _complete(place, part_of(there, part), settings, {})
-    return read_ensemble(place)
+    return _with_warning(read_ensemble(place))
+
+
+@contextlib.contextmanager
+def failures_said_elsewhere() -> Iterator[None]:
+    """Keep the warning of members that failed from callers that say why themselves."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".* members failed", category=RuntimeWarning)
+        yield
+
+
+def _with_warning(found: Ensemble) -> Ensemble:
+    """Return an ensemble; warn of members that failed, which have no results."""
+    failed = np.flatnonzero(found["state"] == "failed")
+    if len(failed):
+        first = int(failed[0])
+        warnings.warn(
+            f"{len(failed)} of {len(found)} members failed, the first with {found['reason'][first]}: "
+            f"{brief(str(found['message'][first]))}; tracebacks are in their column, and retry=True runs them again",
+            RuntimeWarning,
+            stacklevel=4,
+        )
+    return found
 
 
 def _folder(folder: Any, here: bool) -> Path:

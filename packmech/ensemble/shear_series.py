@@ -21,7 +21,7 @@ from packmech.effects import Bonds, Friction, bonds_of, friction_of
 from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
 from packmech.ensemble.members import member_of
-from packmech.ensemble.run import run_ensemble
+from packmech.ensemble.run import failures_said_elsewhere, run_ensemble
 from packmech.loop.checkpoint import fingerprint, scene_fingerprints
 from packmech.measure.signals import ERRORS, mean_with_error, yield_strain
 from packmech.public.display import shown
@@ -376,7 +376,8 @@ def _complete(
     if len(found) < len(members):
         grid = [{name: [value] for name, value in one.items()} for one in wanted]
         job = here if workers == 0 else shear_trial
-        run_ensemble(job, grid, folder, workers=workers, retry=True, progress=report)
+        with failures_said_elsewhere():
+            run_ensemble(job, grid, folder, workers=workers, retry=True, progress=report)
     failed = [one for number, one in enumerate(members) if number not in found]
     if failed:
         failure = find(folder, failed[0]).failure or {}

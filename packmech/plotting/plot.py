@@ -697,14 +697,17 @@ def _draw_histogram(found: Histogram, ax: Any, *, log: bool = False, label: str 
 @_draws(WorkPrecision)
 def _draw_accuracy(found: WorkPrecision, ax: Any) -> None:
     """Draw the error of each method against its time."""
-    for k, method in enumerate(found.methods):
-        trials = [one for one in found.of(method) if not one.failed]
-        error = [one.error for one in trials]
-        seconds = [one.seconds for one in trials]
+    several = len(found.quantities) > 1
+    pairs = [(method, name) for method in found.methods for name in found.quantities]
+    for k, (method, name) in enumerate(pairs):
+        trials = [one for one in found.of(method) if not one.failed and name in one.errors]
+        seconds, error = [one.seconds for one in trials], [one.errors[name] for one in trials]
         style = {"marker": MARKERS[k % len(MARKERS)], "color": COLORS[k % len(COLORS)], "markersize": 4.0}
-        ax.plot(seconds, error, label=method or None, **style)
-    ax.set(xlabel="CPU time [s]", ylabel="error", xscale="log", yscale="log", title=found.title)
-    if any(found.methods):
+        ax.plot(seconds, error, label=", ".join(filter(None, (method, name if several else ""))) or None, **style)
+    axis = "error" if several or not found.quantities else f"error of {found.quantities[0]}"
+    ax.set(xlabel="CPU time [s]", ylabel=axis.replace("error of error", "error"), xscale="log", yscale="log")
+    ax.set_title(found.title)
+    if several or any(found.methods):
         ax.legend(frameon=False)
 
 

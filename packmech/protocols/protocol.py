@@ -411,6 +411,9 @@ def finish(
     if plain:
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if report["contacts"] else 0
+    if report.get("contacts") is not None:
+        held = packing.particles - report["rattlers"]
+        report["coordination_number"] = 2.0 * report["contacts"] / held if held else 0.0
     outcome = judged(protocol, packing, outcome, residual, report, share)
     # a particle that its contacts do not hold must bear no force, but for what is not balanced
     allowed = max(protocol.force_tolerance, 10.0 * residual) * found.mean_force

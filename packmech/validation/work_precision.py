@@ -86,11 +86,18 @@ class WorkPrecision:
         return self.fit(method, quantity=quantity).floor
 
     def cheapest(self, *, error_below: float, quantity: str | None = None) -> Trial | None:
-        """Return the quickest trial that did not fail and whose error is below the bound; None when there is none."""
+        """Return the quickest trial that did not fail and whose errors are below the bound; None when there is none.
+
+        Without a quantity all of them must be.
+        """
         if not error_below > 0.0:
             raise ValueError(f"error_below must be positive, got {error_below}")
-        name = self._quantity(quantity)
-        good = [trial for trial in self.trials if not trial.failed and trial.errors.get(name, math.inf) < error_below]
+        names = self.quantities if quantity is None else (self._quantity(quantity),)
+        good = [
+            trial
+            for trial in self.trials
+            if not trial.failed and all(trial.errors.get(name, math.inf) < error_below for name in names)
+        ]
         return min(good, key=lambda trial: trial.seconds, default=None)
 
     def to_csv(self) -> str:

@@ -48,6 +48,7 @@ _OF_RUN = (
         "seconds",
         "build_seconds",
         "method",
+        "start",
         "jamming_packing_fraction",
         "onset_between",
         "cementing",
@@ -444,6 +445,12 @@ def _verdict(report: Report, gap_tolerance: float | None, method: str) -> None:
             report.numbers["backbone_links"] = verdict.backbone_links
     report.numbers |= verdict_numbers(verdict)
     report.stages.append(Stage("verdict", max(a.balance for a in answers.values()), seconds=verdict.seconds))
+    hard = getattr(report.run, "report", {}).get("hard_packing")
+    if hard is not None and "ambiguous" in (verdict.collective, verdict.strict):
+        # of overlapping particles it cannot be told which touch; of those that they were pressed from it can
+        exact = classify_jamming(hard)
+        report.numbers |= {"hard_collective": exact.collective, "hard_strict": exact.strict}
+        report.stages.append(Stage("verdict of the hard packing", exact.strictly.balance, seconds=exact.seconds))
 
 
 def _stability(report: Report) -> None:
@@ -499,6 +506,13 @@ def _modes(report: Report, count: int) -> None:
     report.stages.append(Stage("modes", modes.residual, seconds=modes.seconds))
 
 
+# what a run that went on from a jammed packing says of it
+_FOLLOWED = {
+    "continued": ", followed from the packing as it stood",
+    "rearranged": ", followed from the packing as it stood, whose contacts rearranged on the way",
+}
+
+
 def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[Row]:
     """Return rows of quantity, value and what the value is, for what the numbers hold."""
     d = numbers["dimension"]
@@ -508,7 +522,9 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         note = "counts, verdict and moduli mean little as it stands: relax it first, by packmech jam FILE or pm.quench"
         rows.append(("NOT AT REST", "", note))
     if "jamming_packing_fraction" in numbers:
-        note = f"of the hard packing, rattlers included; protocol {numbers['method']}"
+        note = (
+            f"of the hard packing, rattlers included; protocol {numbers['method']}{_FOLLOWED.get(numbers.get('start'), '')}"
+        )
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
     if "onset_between" in numbers:
         low, high = numbers["onset_between"]
@@ -531,6 +547,9 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         rows.append(("redundant self stress", "yes", f"crystalline patches of {sizes} particles, listed in --json"))
     if "collective" in numbers:
         rows += verdict_rows(numbers)
+    if "hard_strict" in numbers:
+        answer = f"collectively {numbers['hard_collective']}, strictly {numbers['hard_strict']}"
+        rows.append(("at its onset", answer, "the hard packing that it was pressed from, by its exact contacts"))
     if "local_minimum" in numbers:
         rows += _stability_rows(numbers)
     if "bulk_modulus" in numbers:

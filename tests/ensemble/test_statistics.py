@@ -8,6 +8,9 @@ import pytest
 import packmech as pm
 from packmech.ensemble.statistics import bootstrap, fit_power_law, group_statistics, histogram
 
+# what failed is what these tests look at
+pytestmark = pytest.mark.filterwarnings("ignore:.* members failed:RuntimeWarning")
+
 
 def test_bootstrap_errors_are_the_known_ones_of_normal_numbers():
     value_kr = np.random.default_rng(1).normal(size=(30, 400))

@@ -206,3 +206,17 @@ def test_the_report_says_how_large_particles_are():
     many = pm.random_packing(6, dimension=2, sizes=[0.5, 0.6, 0.7, 0.8, 0.9, 1.0], packing_fraction=0.3, seed=1)
     report = examine(pm.Scene(many, HARMONIC), modes=0, verdict=False)
     assert row(result_rows(report.numbers, {}), "sizes")[1] == "1 to 2"
+
+
+def test_the_verdict_of_the_hard_packing_stands_beside_one_that_overlaps_hide():
+    """At large overlaps it cannot be told which particles touch at the onset; of the hard packing it can."""
+    start = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=3)
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    run = pm.jam(scene, pressure=1e-2)
+    report = examine(scene.replace(packing=run.packing), run=run, strain="free", modes=0)
+    assert report.numbers["strict"] == "ambiguous"
+    exact = pm.classify_jamming(run.report["hard_packing"])
+    assert (report.numbers["hard_collective"], report.numbers["hard_strict"]) == (exact.collective, exact.strict)
+    assert exact.strict == "jammed" and "at its onset" in str(report.summary())
+    near = examine(scene.replace(packing=pm.jam(scene, pressure=1e-8).packing), strain="free", modes=0)
+    assert "hard_strict" not in near.numbers
