@@ -522,7 +522,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         note = "counts, verdict and moduli mean little as it stands: relax it first, by packmech jam FILE or pm.quench"
         rows.append(("NOT AT REST", "", note))
     if "jamming_packing_fraction" in numbers:
-        followed = _FOLLOWED.get(numbers.get("start"), "")
+        followed = _FOLLOWED.get(numbers.get("start", ""), "")
         note = f"of the hard packing, rattlers included; protocol {numbers['method']}{followed}"
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
     if "onset_between" in numbers:
