@@ -54,7 +54,7 @@ def help(word: str = "") -> None:
       fit_power_law          Return the power law that fits values of groups, weighted by their errors.
 
     """
-    from packmech.public.docstrings import print_subjects
+    from packmech.calls.docstrings import print_subjects
 
     print_subjects(_SUBJECTS, word, _WORDS)
 

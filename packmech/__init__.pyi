@@ -341,8 +341,9 @@ from packmech.scenes.recipes import packing_kind as packing_kind
 from packmech.jit.compiled import kernel as kernel
 
 #: shear_modulus, bulk_modulus, young_modulus, poisson_ratio, elastic_constants, elasticity -> elastic_moduli
+#: stiffness_tensor -> elastic_moduli
 #: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
-#: hessian_matrix, stiffness_tensor -> hessian, elastic_moduli
+#: hessian_matrix -> hessian
 #: dos, vdos, vibrational_density, phonons, spectrum -> density_of_states
 #: eigenmodes, vibrations, normal_mode, frequencies -> normal_modes
 #: onset, onset_between, bracket, jamming_point, phi_j -> jam, compress

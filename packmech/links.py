@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
 from packmech.check import finite_array, positive_array
 from packmech.jit.compiled import kernel
-from packmech.public.display import shown
 
 # images beyond this leave no digits of a position
 _FARTHEST = 2**31

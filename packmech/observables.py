@@ -12,9 +12,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
 from packmech.check import function, one_of
 from packmech.packing import Packing
-from packmech.public.display import shown
 
 Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import LONGEST, SHORTEST, Box
+from packmech.calls.display import shown
+from packmech.calls.honors import LINK_TOLERANCE, STRAINED
 from packmech.check import brief, finite_array, instance, positive, positive_array
 from packmech.links import Links, image_offsets
-from packmech.public.display import shown
-from packmech.public.honors import LINK_TOLERANCE, STRAINED
 from packmech.shapes import Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
 

@@ -12,9 +12,9 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import as_html, as_text, shown
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
-from packmech.public.display import as_html, as_text, shown
 
 # name, value in words, what the value is or its unit
 Row = tuple[str, str, str]
@@ -24,7 +24,6 @@ STAGE_HEADINGS = ("step", "residual", "force evaluations", "CPU s", "")
 _REPORT_NOTES = {
     "packing_fraction": "rattlers included",
     "jamming_packing_fraction": "of the hard packing, rattlers included",
-    "onset_between": "packing fractions without overlaps and under pressure",
     "pressure": "energy_scale / diameter^{d}",
     "pressure_asked": "energy_scale / diameter^{d}",
     "contacts": "between particles that are no rattlers",
@@ -370,18 +369,23 @@ class Run:
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        reported = {name: value for name, value in self.report.items() if _is_shown(value) and name != "particles"}
+        reported = {
+            name: value
+            for name, value in self.report.items()
+            if isinstance(value, bool | int | float | str) and name != "particles"
+        }
         return [
             *self.outcome_rows(),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
             *(
                 (
                     name.replace("_", " "),
-                    _in_digits(value),
+                    f"{value:.8g}" if isinstance(value, float) else str(value),
                     _REPORT_NOTES.get(name, "").format(d=self.packing.dimension),
                 )
                 for name, value in reported.items()
             ),
+            *([onset_row(*self.report["onset_between"])] if "onset_between" in self.report else []),
         ]
 
     def summary(self) -> Summary:
@@ -429,18 +433,9 @@ class Run:
         return self.trace.table(self.about())
 
 
-def _is_shown(value: Any) -> bool:
-    """Whether a reported value is a number, a word, or some numbers, which a line has room for."""
-    if isinstance(value, tuple):
-        return bool(value) and all(isinstance(one, float) for one in value)
-    return isinstance(value, bool | int | float | str)
-
-
-def _in_digits(value: bool | int | float | str | tuple[float, ...]) -> str:
-    """Return a reported value as text; numbers side by side have the digits that tell them apart near jamming."""
-    if isinstance(value, tuple):
-        return ", ".join(f"{one:.10f}" for one in value)
-    return f"{value:.8g}" if isinstance(value, float) else str(value)
+def onset_row(low: float, high: float) -> Row:
+    """Return the row that tells both sides of the onset apart, with the digits that this takes."""
+    return "onset between", f"{low:.10f}, {high:.10f}", "packing fractions without overlaps and under pressure"
 
 
 def _plain(value: Any) -> Any:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
+from packmech.calls.display import shown
 from packmech.check import BoxStrain, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
     SIGNED,
@@ -26,7 +27,6 @@ from packmech.effects import (
 )
 from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
-from packmech.public.display import shown
 
 D = TypeVar("D", bound=type)
 # units of energy, force and stiffness between these have squares that double precision carries

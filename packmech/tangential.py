@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
 from packmech.check import finite_array
 from packmech.links import named_pairs
-from packmech.public.display import shown
 
 _FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2")
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import packmech as pm
-from packmech.public.honors import CALLS, COLUMNS
+from packmech.calls.honors import CALLS, COLUMNS
 from packmech.result import markdown_table
 from packmech.scenes.reference import scene_reference
 
@@ -32,7 +32,7 @@ def effects_page() -> str:
                 "No call ignores what a scene holds. Each public call declares which effects it honors and refuses the "
                 "others with an error that names the effect, the call, and what to do: leave the effect out with "
                 "`scene.without(pm.Friction)`, or use a call that honors it. `packmech effects` prints this table, and "
-                "this page is made from the same declarations (`packmech/public/honors.py`).",
+                "this page is made from the same declarations (`packmech/calls/honors.py`).",
                 "- **yes**: the answer depends on the effect.\n"
                 "- **zero at rest**: dashpots and drag exert no force on particles that do not move, so that an answer "
                 "about a packing at rest does not depend on them.\n"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.public.honors import CALLS
+from packmech.calls.honors import CALLS
 
 # calls are declared as their modules are imported
 for _name in dir(pm):

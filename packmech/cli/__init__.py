@@ -115,10 +115,22 @@ def _terminate(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
 
+_FORMAT_WARNING = warnings.formatwarning
+
+
+def _format_warning(
+    message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
+) -> str:
+    """Return a warning of packmech's as one line without its place in the code, which is the command's own."""
+    if category is not UserWarning or os.environ.get("PACKMECH_TRACEBACK"):
+        return _FORMAT_WARNING(message, category, filename, lineno, line)
+    return f"packmech: {message}\n"
+
+
 def main() -> None:
     """Run the command; an error of the input or of convergence is one line and an exit code."""
     signal.signal(signal.SIGTERM, _terminate)
-    warnings.formatwarning = lambda message, *_: f"packmech: {message}\n"
+    warnings.formatwarning = _format_warning
     try:
         sys.exit(execute(sys.argv[1:]))
     except BrokenPipeError:  # whoever reads the output has seen enough

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import packmech
+from packmech.calls.honors import CALLS, COLUMNS
 from packmech.cli.output import show, table
-from packmech.public.honors import CALLS, COLUMNS
 
 
 def effects() -> None:

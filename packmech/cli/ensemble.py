@@ -18,7 +18,7 @@ from packmech.ensemble.folder import make_members, prepare
 from packmech.ensemble.jobs import check_parameters, job_table
 from packmech.ensemble.members import members_of, values_in
 from packmech.ensemble.row import write_row as write_workflow
-from packmech.ensemble.run import failures_said_elsewhere, resume_ensemble, run_ensemble
+from packmech.ensemble.run import Made, MemberSettings, complete_folder, complete_members, member_settings
 from packmech.ensemble.statistics import fit_power_law, group_statistics, varied_parameters
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.files.packings import is_packing_file
@@ -142,7 +142,8 @@ def run_members(
     limits = _limits(workers, group, time_limit, memory_limit)
     code = _carried_out(
         scheduler,
-        lambda executor, say: run_ensemble(job, asked, folder, executor, part=part, progress=say, **kept, **limits),
+        lambda settings: complete_members(job, asked, folder, settings, part=part, **kept),
+        limits,
     )
     if ":" not in job and "packing.seed" not in asked:
         show(_starts(job, asked, same))
@@ -233,7 +234,7 @@ def retry(
 def _limits(
     workers: int | None, group: int | None, time_limit: float | None, memory_limit: float | None
 ) -> dict[str, Any]:
-    """Return what bounds a run of members, as arguments of `run_ensemble`."""
+    """Return what bounds a run of members, as arguments of `member_settings`."""
     memory = None if memory_limit is None else memory_limit * 1e6
     return {"time_limit": time_limit, "memory_limit": memory, "group": group, "workers": workers}
 
@@ -250,9 +251,8 @@ def _resumed(
     names = None if members is None else [Path(one).name for one in members]
     return _carried_out(
         scheduler,
-        lambda executor, say: resume_ensemble(
-            folder, executor, members=names, part=part, retry=retry, progress=say, **limits
-        ),
+        lambda settings: complete_folder(folder, settings, members=names, part=part),
+        {"retry": retry, **limits},
     )
 
 
@@ -306,15 +306,15 @@ def _executor(scheduler: str | None) -> Iterator[Executor | None]:
         client.close(timeout=5)
 
 
-def _carried_out(scheduler: str | None, carry_out: Callable[[Executor | None, Callable[..., None]], Ensemble]) -> int:
+def _carried_out(scheduler: str | None, complete: Callable[[MemberSettings], Made], limits: dict[str, Any]) -> int:
     """Run members with progress on standard error, and report the result; return the exit code."""
     with (
         working("ensemble") as say,
         _executor(scheduler) as executor,
-        failures_said_elsewhere(),
     ):
-        found = carry_out(executor, lambda stage, figures: say(_progress_words(figures)))
-    return _status(found)
+        settings = member_settings(executor, progress=lambda stage, figures: say(_progress_words(figures)), **limits)
+        made = complete(settings)
+    return _status(read_ensemble(made.folder))
 
 
 def _progress_words(figures: dict[str, Any]) -> str:

@@ -15,11 +15,11 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from packmech.calls.status import Status, shows, words_of
 from packmech.check import integer
 from packmech.effects import law_of
 from packmech.files.packings import NotKeptError, target_file, write_packing
 from packmech.packing import Packing
-from packmech.public.status import Status, shows, words_of
 from packmech.result import STAGE_HEADINGS, HasSummary, Summary, stage_rows
 from packmech.scene import Scene
 

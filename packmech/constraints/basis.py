@@ -12,14 +12,14 @@ import scipy.linalg as sl
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import ANY_LENGTH, honors
 from packmech.check import BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, admitted_strains
 from packmech.constraints.jacobian import FORMS, LINK_STRAINS, link_rows, scale_of_strain
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, strain_directions
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import ANY_LENGTH, honors
 
 # largest dense matrix that is made unless more is asked for [bytes]
 MEMORY_LIMIT = 1e9

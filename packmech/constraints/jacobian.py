@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import ANY_LENGTH, honors
 from packmech.check import BoxStrain, instance, one_of, positive
 from packmech.constraints.factor import ConstraintFactor
 from packmech.linalg.mandel import trace_vector
 from packmech.packing import Packing
-from packmech.public.honors import ANY_LENGTH, honors
 
 if TYPE_CHECKING:
     import scipy.sparse as sp

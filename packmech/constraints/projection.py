@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import ANY_LENGTH, honors
 from packmech.check import BoxStrain, finite_array, instance, integer, one_of, positive
 from packmech.constraints.basis import METHODS as BASES
 from packmech.constraints.basis import Block, ConstraintBasis, constraint_basis
@@ -24,8 +26,6 @@ from packmech.constraints.redundancy import SINE, DegenerateLink, check_consiste
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_components, trace_vector
 from packmech.packing import Packing, no_own_images
-from packmech.public.display import shown
-from packmech.public.honors import ANY_LENGTH, honors
 from packmech.result import NotConverged, Outcome, Run
 
 METHODS = ("clusters", *BASES)

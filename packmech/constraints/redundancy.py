@@ -16,6 +16,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import ANY_LENGTH, honors
+from packmech.calls.status import shown_as
 from packmech.check import BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor, cluster_block, link_pairs
 from packmech.constraints.jacobian import LINK_STRAINS
@@ -23,9 +26,6 @@ from packmech.contacts.elements import distance_rows
 from packmech.jit.blas import single_thread
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images
-from packmech.public.display import shown
-from packmech.public.honors import ANY_LENGTH, honors
-from packmech.public.status import shown_as
 
 # sine between a link and the span of others below which it depends on them: a collinear trimer within rounding of its
 # lengths is off its line by some 1e-7, a bend that is meant by more

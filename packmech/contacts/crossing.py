@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import ANY_LENGTH, honors
 from packmech.check import instance
 from packmech.contacts.network import candidate_pairs
 from packmech.links import Links
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import ANY_LENGTH, honors
 
 # midpoints this little beyond reach (relative) are tested too, so that rounding loses no pair that just touches
 _SLACK = 1e-9

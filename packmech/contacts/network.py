@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import ANY_LENGTH, honors
 from packmech.check import instance, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.contacts.excluded import Excluded
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import ANY_LENGTH, honors
 from packmech.shapes import Discs
 
 # gaps that rounding of positions makes, in units of it

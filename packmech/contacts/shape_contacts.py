@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
 from packmech.check import instance
 from packmech.contacts.bead_contact import bead_contacts, turned_arms
 from packmech.contacts.elements import normal_slopes
@@ -27,8 +29,6 @@ from packmech.contacts.network import (
 )
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
 from packmech.shapes import Shapes, Spheroids
 
 # changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows

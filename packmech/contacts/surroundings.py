@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import Voronoi
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import brief, instance, one_of, positive, real
 from packmech.contacts.network import candidate_pairs, gap_limit
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 
 RULES = ("voronoi", "contact", "cutoff", "scaled cutoff")
 # images around the cell that Voronoi cells are made of, at first, in mean distances of particles

@@ -13,6 +13,7 @@ import numpy as np
 from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.honors import declare
 from packmech.check import finite_array, instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.by_shape import turns_of
 from packmech.dynamics.deformation import Driven, end_path, extend_path, strain_direction
@@ -49,7 +50,6 @@ from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
 from packmech.minimize.passes.pair_list import follow
 from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing
-from packmech.public.honors import declare
 from packmech.result import Outcome
 from packmech.scene import Scene
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import Row, shown
 from packmech.dynamics.bonds import BondTable, bond_energy, bond_first, bond_vector, pull_of_bond
 from packmech.dynamics.contact_forces import laws_of
 from packmech.dynamics.friction import Now
@@ -22,7 +23,6 @@ from packmech.effects import BREAKING_MODES, Bonds
 from packmech.jit.compiled import device, inlined, lean
 from packmech.loop.checkpoint import IndexBounds
 from packmech.observables import Table, make_table
-from packmech.public.display import Row, shown
 
 # columns of a table of events: axes of the field, and unit
 _COLUMNS = {

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from packmech.calls.display import shown
 from packmech.check import clear_errors, integer, positive, real
 from packmech.effects import BackgroundDamping, ContactDamping, DivergentRepulsion, Friction, Repulsion
-from packmech.public.display import shown
 
 # density in kg/m^3 to kg per m of depth and um^2
 _PER_SQUARE_UM = 1e-12

@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
 from packmech.loop.checkpoint import check_scene, damage_refused, fingerprint, read_checkpoint, restore_from
 from packmech.loop.run_loop import RunLoop, run_settings
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.scene import Scene
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.calls.display import shown
 from packmech.check import instance, integer, positive
 from packmech.dynamics.breaking import BrokenBonds, numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
@@ -66,7 +67,6 @@ from packmech.measure.counting import packing_fraction
 from packmech.minimize.passes.kernels import RUNNING
 from packmech.observables import State, added_arrays, added_rows, measure_added
 from packmech.packing import Packing
-from packmech.public.display import shown
 from packmech.result import Condition, Outcome, Row, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
 

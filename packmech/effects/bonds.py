@@ -10,6 +10,8 @@ from typing import Any, ClassVar, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
 from packmech.check import finite_array, instance, integer_array, one_of, positive_array, real
 from packmech.contacts import Contacts, find_contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
@@ -18,8 +20,6 @@ from packmech.effects.laws import Law, LinearSpring, is_law
 from packmech.effects.pair import bound_effect
 from packmech.links import Links, named_rows
 from packmech.packing import Packing, images_between
-from packmech.public.display import shown
-from packmech.public.honors import honors
 
 T = TypeVar("T", bound=Contacts | ShapeContacts)
 

@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
 from packmech.check import finite_array
 from packmech.effects.pair import bound_effect
-from packmech.public.display import shown
 
 
 @shown()

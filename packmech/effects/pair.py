@@ -14,6 +14,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
+from packmech.calls.honors import EFFECTS
 from packmech.effects.derivatives import (
     check_continuity,
     check_derivatives,
@@ -23,7 +24,6 @@ from packmech.effects.derivatives import (
 )
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
-from packmech.public.honors import EFFECTS
 
 E = TypeVar("E", bound=type)
 

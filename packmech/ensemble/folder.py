@@ -116,9 +116,9 @@ def prepare(folder: Path, job: Mapping[str, Any]) -> None:
             others = [name for name in {**found, **job} if _placeless(found.get(name)) != _placeless(job.get(name))]
             others = [name for name in others if name not in PLACES]
             if others:
+                words = [_difference(name, found.get(name), job.get(name)) for name in others]
                 raise ValueError(
-                    f"folder must hold members of the same job, or be new, got {str(folder)!r} with another "
-                    f"{', another '.join(others)}"
+                    f"folder must hold members of the same job, or be new, got {str(folder)!r} with {', '.join(words)}"
                 )
         (folder / WORKSPACE).mkdir(parents=True, exist_ok=True)
         (folder / _SIGNAC).mkdir(exist_ok=True)
@@ -126,6 +126,14 @@ def prepare(folder: Path, job: Mapping[str, Any]) -> None:
             _write(folder / _SIGNAC / "config", _SIGNAC_CONFIG)
         if found != job:
             _write(known, json.dumps({"packmech": packmech.__version__, "job": job}, indent=1) + "\n")
+
+
+def _difference(name: str, found: Any, given: Any) -> str:
+    """Return what is another in a job than in that of its folder, in words."""
+    if isinstance(found, Mapping) and isinstance(given, Mapping) and name == "function":
+        same = all(found.get(one) == given.get(one) for one in ("module", "name"))
+        return f"a {given['name']} that was written otherwise" if same else "another function"
+    return {"loaded": "files to load that were written otherwise"}.get(name, f"another {name}")
 
 
 def _placeless(value: Any) -> Any:

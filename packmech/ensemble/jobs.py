@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 import packmech
 from packmech.check import brief, did_you_mean, instance, listed, one_of
 from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, MemberOutcome
+from packmech.ensemble.function_text import file_key, first_text_key, own_text_key, text_key
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
 from packmech.files.packings import PathLike
-from packmech.jit.source_key import function_key, written_key
+from packmech.jit.source_key import function_key
 from packmech.packing import Packing
 from packmech.result import NotConverged, Run
 from packmech.scene import Scene, scene_after
@@ -71,6 +72,7 @@ def job_table(
         "check": check,
         "keep_packings": keep_packings,
         "load": [str(one.absolute()) for one in files],
+        **({"loaded": [file_key(one) for one in files]} if files else {}),
         "measures": None
         if measures is None
         else [_measure(one, here) for one in listed("measures", measures, "names and functions")],
@@ -81,8 +83,8 @@ def job_table(
             raise ValueError("measures must be names where job is a function: it returns what it measures")
         reference = _reference("job", job, here) if named is None else named
         if named is not None or not here:
-            reference = _with_code(reference, function_at(reference, "job"))
-        return table | {"function": reference}
+            function_at(reference, "job")
+        return table | {"function": _with_text(reference)}
     if isinstance(job, Scene):
         with tempfile.TemporaryDirectory() as place:
             write_scene(job, Path(place) / "scene.toml")
@@ -118,10 +120,13 @@ def functions_of(job: Any, measures: Sequence[Any] | None) -> Functions:
 def _measure(measure: Any, here: bool) -> Any:
     if isinstance(measure, str):
         found = _named_function(measure)
-        return measure if found is None else _with_code(found, function_at(found, "measures"))
+        if found is None:
+            return measure
+        function_at(found, "measures")
+        return _with_text(found)
     if not callable(measure):
         raise TypeError(f"measures must be names or functions, got {brief(measure)}")
-    return _reference("measures", measure, here)
+    return _with_text(_reference("measures", measure, here))
 
 
 def _named_function(job: Any) -> dict[str, str] | None:
@@ -144,7 +149,7 @@ def _reference(argument: str, function: Any, here: bool = False) -> dict[str, st
     file = getattr(sys.modules.get(module or ""), "__file__", None)
     if not name.isidentifier() or file is None:
         if here:
-            code = function_key(function)
+            code = function_key(function) or own_text_key(function)
             known = {"module": str(module), "name": name or type(function).__qualname__, "root": ""}
             return known if code is None else known | {"code": code}
         raise TypeError(
@@ -156,14 +161,27 @@ def _reference(argument: str, function: Any, here: bool = False) -> dict[str, st
         return {"module": str(module), "name": name, "root": ""}
     stem = path.with_suffix("") if path.stem != "__init__" else path.parent
     if list(stem.parts[-len(parts) :]) == parts:
-        return _with_code({"module": str(module), "name": name, "root": str(stem.parents[len(parts) - 1])}, function)
-    return _with_code({"module": path.stem, "name": name, "root": str(path.parent)}, function)
+        return {"module": str(module), "name": name, "root": str(stem.parents[len(parts) - 1])}
+    return {"module": path.stem, "name": name, "root": str(path.parent)}
 
 
-def _with_code(reference: dict[str, str], function: Callable[..., Any]) -> dict[str, str]:
-    """Return a reference that also says what text the function has; of an installed one its name says enough."""
-    code = written_key(function) if reference["root"] else None
-    return reference if code is None else reference | {"code": code}
+def _with_text(reference: dict[str, str]) -> dict[str, str]:
+    """Return a reference that also says what the function is written as; of an installed one its name says enough."""
+    path = _file_of(reference)
+    key = None if path is None else text_key(path, reference["name"])
+    return reference if key is None else reference | {"text": key}
+
+
+def _file_of(reference: Mapping[str, str]) -> Path | None:
+    """Return the file of a function of a user's; None of one that is installed, or stands in none."""
+    module, root = reference["module"], reference["root"]
+    if root:
+        stem = Path(root, *module.split("."))
+        return next((one for one in (stem.with_suffix(".py"), stem / "__init__.py") if one.is_file()), None)
+    file = getattr(sys.modules.get(module), "__file__", None)
+    if file is None or module.partition(".")[0] == packmech.__name__ or is_installed(Path(file).absolute()):
+        return None
+    return Path(file).absolute() if Path(file).suffix == ".py" else None
 
 
 def is_installed(path: Path) -> bool:
@@ -204,16 +222,17 @@ def function_at(
             raise ValueError(f"{argument} must be in a module that can be imported, got {module}: {error}") from error
     if not callable(found):
         raise ValueError(f"{argument} must be a function, got {module}:{name}, which is {found!r}")
-    if "code" in reference and reference["code"] != written_key(found):
+    path = _file_of(reference) if "text" in reference else None
+    if path is not None and first_text_key(path, name) != reference["text"]:
         raise ValueError(
-            f"{argument} must be the function that the folder was made with, got {module}:{name} with another text: "
-            "run it into a new folder"
+            f"{argument} must be written as when the folder was made, got a changed {name} in {path.name}: run it into "
+            "a new folder"
         )
     return found  # type: ignore[no-any-return]
 
 
 def check_functions(table: Mapping[str, Any]) -> None:
-    """Refuse a job of functions in files that have changed since its folder was made.
+    """Refuse a job of functions that have changed since its folder was made, before anything is run.
 
     Raises
     ------
@@ -222,7 +241,7 @@ def check_functions(table: Mapping[str, Any]) -> None:
 
     """
     for argument, one in [("job", table.get("function")), *(("measures", one) for one in table["measures"] or ())]:
-        if isinstance(one, Mapping) and one["root"]:
+        if isinstance(one, Mapping):
             function_at(one, argument)
 
 

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import queue
 import threading
 import time
 import uuid
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
-
-from packmech.check import brief, clear_errors, function, instance, integer, listed, positive
+from packmech.calls.status import Progress, Report, check_progress, shows
+from packmech.check import brief, clear_errors, function, instance, integer, listed, positive, warn
 from packmech.ensemble.folder import WORKSPACE, FolderError, find, listed_members, make_members, prepare, read_job
 from packmech.ensemble.jobs import Functions, check_functions, check_parameters, functions_of, job_table, run_member
 from packmech.ensemble.members import Grid, Member, members_of, part_of
@@ -28,7 +25,6 @@ from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, 
 from packmech.files.packings import PathLike
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
-from packmech.public.status import Progress, Report, check_progress, shows
 
 # results of each group as it ended, or the executor's own error
 Replies = Iterator[list[Reply] | BaseException]
@@ -138,8 +134,7 @@ def run_ensemble(
     workers
         How many processes on this machine; None: one for each core. Not for an executor. 0: none, members run here, one
         after the other; any callable is a job then, such as a closure or a function of a notebook, which the folder
-        knows by its name and its text: another folder is asked for where that has changed. Limits, which need a
-        process, are refused then.
+        knows by its name and, as far as can be known, by its code. Limits, which need a process, are refused then.
     time_limit, memory_limit
         Of each member: wall time without compiling [s], and memory of its process [bytes]. A member beyond is ended and
         has failed.
@@ -181,19 +176,40 @@ def run_ensemble(
     [4, 9]
 
     """
-    settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
+    settings = member_settings(executor, workers, time_limit, memory_limit, group, retry, progress)
+    kept = {"seeding": seeding, "check": check, "keep_packings": keep_packings, "load": load}
+    return _with_warning(complete_members(job, grid, folder, settings, measures=measures, part=part, **kept))
+
+
+class Made(NamedTuple):
+    """The folder of an ensemble, and the members that a call was to run."""
+
+    folder: Path
+    members: Sequence[Member]
+
+
+def complete_members(
+    job: Any,
+    grid: Grid,
+    folder: PathLike,
+    settings: MemberSettings,
+    *,
+    measures: Sequence[Any] | None = None,
+    part: str | None = None,
+    **kept: Any,
+) -> Made:
+    """Run what is missing of a grid; arguments as of `run_ensemble`, `kept` those of `job_table`."""
     here = settings.workers == 0
     place = _folder(folder, here)
     members = part_of(members_of(grid), part)
-    kept: dict[str, Any] = {"seeding": seeding, "check": check, "keep_packings": keep_packings}
-    table = job_table(job, measures=measures, load=load, here=here, **kept)
+    table = job_table(job, measures=measures, here=here, **kept)
     functions = functions_of(job, measures) if here else {}
     if members:
         check_parameters(table, members[0], functions)
     prepare(place, table)
     make_members(place, members)
     _complete(place, members, settings, functions)
-    return _with_warning(read_ensemble(place))
+    return Made(place, members)
 
 
 @clear_errors
@@ -235,7 +251,18 @@ def resume_ensemble(
     (1, 1)
 
     """
-    settings = _settings(executor, workers, time_limit, memory_limit, group, retry, progress)
+    settings = member_settings(executor, workers, time_limit, memory_limit, group, retry, progress)
+    return _with_warning(complete_folder(folder, settings, members=members, part=part))
+
+
+def complete_folder(
+    folder: PathLike,
+    settings: MemberSettings,
+    *,
+    members: Sequence[str] | None = None,
+    part: str | None = None,
+) -> Made:
+    """Run what is missing of the members that a folder has; arguments as of `resume_ensemble`."""
     place = _folder(folder, settings.workers == 0)
     check_functions(read_job(place))
     there = listed_members(place)
@@ -246,30 +273,21 @@ def resume_ensemble(
         if unknown:
             raise ValueError(f"members must be folders in {place}, got {', '.join(unknown)}")
         there = [known[name] for name in names]
-    _complete(place, part_of(there, part), settings, {})
-    return _with_warning(read_ensemble(place))
+    wanted = part_of(there, part)
+    _complete(place, wanted, settings, {})
+    return Made(place, wanted)
 
 
-@contextlib.contextmanager
-def failures_said_elsewhere() -> Iterator[None]:
-    """Keep the warning of members that failed from callers that say why themselves."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=".* members failed", category=RuntimeWarning)
-        yield
-
-
-def _with_warning(found: Ensemble) -> Ensemble:
-    """Return an ensemble; warn of members that failed, which have no results."""
-    failed = np.flatnonzero(found["state"] == "failed")
-    if len(failed):
-        first = int(failed[0])
-        warnings.warn(
-            f"{len(failed)} of {len(found)} members failed, the first with {found['reason'][first]}: "
-            f"{brief(str(found['message'][first]))}; tracebacks are in their column, and retry=True runs them again",
-            RuntimeWarning,
-            stacklevel=4,
+def _with_warning(made: Made) -> Ensemble:
+    """Return the ensemble; warn of members of this call that failed, which have no results."""
+    failures = [failure for one in made.members if (failure := find(made.folder, one).failure)]
+    if failures:
+        first = failures[0]
+        warn(
+            f"{len(failures)} of {len(made.members)} members failed, the first with {first.get('reason', '')}: "
+            f"{first.get('message', '')!s:.200}; retry=True runs them again, and the column traceback says where"
         )
-    return found
+    return read_ensemble(made.folder)
 
 
 def _folder(folder: Any, here: bool) -> Path:
@@ -284,7 +302,7 @@ def _folder(folder: Any, here: bool) -> Path:
 
 
 @dataclass(frozen=True)
-class _MemberSettings:
+class MemberSettings:
     """How members are run."""
 
     executor: Executor | None
@@ -295,9 +313,15 @@ class _MemberSettings:
     progress: Progress
 
 
-def _settings(
-    executor: Any, workers: Any, time_limit: Any, memory_limit: Any, group: Any, retry: Any, progress: Any
-) -> _MemberSettings:
+def member_settings(
+    executor: Any = None,
+    workers: Any = None,
+    time_limit: Any = None,
+    memory_limit: Any = None,
+    group: Any = None,
+    retry: Any = False,
+    progress: Any = None,
+) -> MemberSettings:
     """Return how members are run, after checking it."""
     if workers is not None:
         integer("workers", workers, at_least=0)
@@ -315,7 +339,7 @@ def _settings(
         raise ValueError("memory_limit must be left out on a system that does not say what a process takes")
     check_progress(progress)
     instance("retry", retry, bool)
-    return _MemberSettings(
+    return MemberSettings(
         executor,
         _cores() if workers is None else workers,
         Limits(
@@ -333,7 +357,7 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _complete(folder: Path, members: Sequence[Member], settings: _MemberSettings, functions: Functions) -> None:
+def _complete(folder: Path, members: Sequence[Member], settings: MemberSettings, functions: Functions) -> None:
     """Run the members that are missing, and those that failed if they are to be run again."""
     states = {one.id: find(folder, one).state for one in members}
     waiting = [one for one in members if states[one.id] == "missing" or (settings.retry and states[one.id] == "failed")]
@@ -352,7 +376,7 @@ def _complete(folder: Path, members: Sequence[Member], settings: _MemberSettings
 
 
 def _run(
-    folder: Path, waiting: Sequence[Member], settings: _MemberSettings, functions: Functions, known: _MembersDone
+    folder: Path, waiting: Sequence[Member], settings: MemberSettings, functions: Functions, known: _MembersDone
 ) -> None:
     """Run members here, or in other processes."""
     if settings.workers == 0:

@@ -16,16 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.status import check_progress, shows
 from packmech.check import brief, clear_errors, function, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import Bonds, Friction, bonds_of, friction_of
 from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
 from packmech.ensemble.members import member_of
-from packmech.ensemble.run import failures_said_elsewhere, run_ensemble
+from packmech.ensemble.run import complete_members, member_settings
 from packmech.loop.checkpoint import fingerprint, scene_fingerprints
 from packmech.measure.signals import ERRORS, mean_with_error, yield_strain
-from packmech.public.display import shown
-from packmech.public.status import check_progress, shows
 from packmech.result import NotConverged
 from packmech.rheology.amplitude_sweep import check_amplitudes
 from packmech.rheology.oscillatory import oscillatory_shear
@@ -376,8 +376,7 @@ def _complete(
     if len(found) < len(members):
         grid = [{name: [value] for name, value in one.items()} for one in wanted]
         job = here if workers == 0 else shear_trial
-        with failures_said_elsewhere():
-            run_ensemble(job, grid, folder, workers=workers, retry=True, progress=report)
+        complete_members(job, grid, folder, member_settings(workers=workers, retry=True, progress=report))
     failed = [one for number, one in enumerate(members) if number not in found]
     if failed:
         failure = find(folder, failed[0]).failure or {}

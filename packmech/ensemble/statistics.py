@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
 from packmech.check import (
     bin_edges,
     clear_errors,
@@ -25,7 +26,6 @@ from packmech.check import (
 )
 from packmech.ensemble.table import Ensemble
 from packmech.linalg.line import Line, fit_line
-from packmech.public.display import shown
 
 # what is taken of the values of a group
 STATISTICS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {

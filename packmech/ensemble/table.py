@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
 from packmech.check import brief, clear_errors, did_you_mean, integer
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
 from packmech.files.packings import PathLike, read_packing
 from packmech.observables import Column, Table
 from packmech.packing import Packing
-from packmech.public.display import shown
 
 STATES = ("done", "failed", "missing")
 # columns beside parameters and results

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from packmech.box import Box
+from packmech.calls.honors import honors
 from packmech.check import clear_errors, instance, integer
 from packmech.contacts import Contacts, pair_contacts
 from packmech.files.columns import snapshot_of_particles
@@ -25,7 +26,6 @@ from packmech.files.lammps import nearest_images
 from packmech.files.packings import kept_of, snapshot_of, warn_of
 from packmech.files.snapshot import Snapshot
 from packmech.packing import Packing
-from packmech.public.honors import honors
 
 _ATOMS = Format("ASE Atoms", (), frozenset((SPHEROIDS,)), EXTXYZ.frames, EXTXYZ.write)
 _FRAME = Format("HOOMD", (), EVERYTHING | {BONDS, FORCES, STEP}, GSD.frames, GSD.write, field=numeric)

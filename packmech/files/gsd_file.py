@@ -42,6 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.calls.honors import LINK_TOLERANCE
 from packmech.check import finite_array, positive, positive_array
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, STEP, Format, Given, numeric
 from packmech.files.npz import FIELD, LINK_GROUP, REQUIRED, arrays_beside, arrays_of, is_own, snapshot_in
@@ -50,7 +51,6 @@ from packmech.files.snapshot import Snapshot
 from packmech.generate.rigid import UnionBody, beads_of, body_of, orientation_of
 from packmech.links import Links
 from packmech.packing import DISCRETE_SIZES, Packing
-from packmech.public.honors import LINK_TOLERANCE
 from packmech.shapes import Beads, Shapes, Spheroids
 
 # log chunks of packmech's own, of particles, and of bonds

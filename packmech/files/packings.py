@@ -36,6 +36,9 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import brief, clear_errors, instance, integer, warn
 from packmech.effects.laws import is_law
 from packmech.files import npz
@@ -48,9 +51,6 @@ from packmech.files.snapshot import Snapshot
 from packmech.files.table_text import CSV, PLAIN
 from packmech.files.vtk_file import VTK
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 
 PathLike = str | os.PathLike[str]
 T = TypeVar("T")

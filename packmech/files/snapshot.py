@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
 from packmech.check import finite_array, instance, integer, integer_array, listed, table
 from packmech.effects.bonds import Bonds
 from packmech.packing import DISCRETE_SIZES, Packing
-from packmech.public.display import shown
 
 # fields that formats have names of their own for, as warnings call them
 FIELD_WORDS = {"velocity_nd": "velocities", "force_nd": "forces", "spin_nk": "spins", "torque_nk": "torques"}

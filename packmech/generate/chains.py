@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
+from packmech.calls.status import shown_as
 from packmech.check import finite_array, integer, one_of, positive, positive_array, real
 from packmech.contacts.crossing import crossing_links
 from packmech.contacts.fused_volume import lens, shared_volume
@@ -21,7 +22,6 @@ from packmech.generate.random import SizeDistribution, box_for, generator_of, sh
 from packmech.jit.compiled import kernel
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density
-from packmech.public.status import shown_as
 
 Point = tuple[float, ...]
 # a bond: the numbers of its beads, where it starts, its vector, and the image of its second bead (none: the first one)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, Bond, BondGrid, minus
@@ -25,8 +27,6 @@ from packmech.generate.random import (
 )
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, masses_of_density, no_own_images
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 
 # positions tried for a cluster of a packing before it may overlap others by so much more
 _TRIES, _MORE = 50, 0.05

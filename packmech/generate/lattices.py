@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
+from packmech.calls.honors import honors
 from packmech.check import clear_errors, instance, integer, one_of, positive, real
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.packing import Packing, masses_of_density
-from packmech.public.honors import honors
 
 _ROOT_2, _ROOT_3 = math.sqrt(2.0), math.sqrt(3.0)
 Columns = tuple[tuple[float, ...], ...]

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import instance, integer_array
 from packmech.contacts.fused_volume import union_moments
 from packmech.links import image_offsets
 from packmech.packing import Packing
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.shapes import Beads
 
 # components of places smaller than this, relative to the body's radius, have no sign

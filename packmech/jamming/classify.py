@@ -16,6 +16,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import BoxStrain, instance, integer, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.given import check_given
@@ -36,8 +38,6 @@ from packmech.jit.blas import single_thread
 from packmech.measure.rattlers import without
 from packmech.mechanics.hessian import is_stable
 from packmech.packing import Packing, no_own_images, no_tangential
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The

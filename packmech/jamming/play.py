@@ -11,6 +11,9 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress, check_progress, is_watched, shows
 from packmech.check import BoxStrain, finite_array, instance, integer, one_of, positive
 from packmech.constraints.factor import link_pairs
 from packmech.constraints.projection import reaffix_links
@@ -30,9 +33,6 @@ from packmech.measure.rattlers import rattling_particles
 from packmech.measure.stress import energy
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing, no_own_images
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import Progress, check_progress, is_watched, shows
 from packmech.scene import Scene
 
 # what is left of a step where contacts hold a motion up [1]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
 from packmech.check import BoxStrain
 from packmech.constraints.motion_rules import follow_links
 from packmech.constraints.projection import reaffix_links
@@ -17,7 +18,6 @@ from packmech.jamming.contact_selection import ContactSelection, RestCheck
 from packmech.jamming.motion_cone import MotionCone
 from packmech.linalg.mandel import mandel_tensor, strain_components
 from packmech.packing import Packing
-from packmech.public.display import shown
 from packmech.result import Solve
 
 JAMMED, NOT_JAMMED, AMBIGUOUS = "jammed", "not jammed", "ambiguous"

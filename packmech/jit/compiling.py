@@ -10,8 +10,8 @@ from typing import Any
 
 from numba.core import event
 
+from packmech.calls.status import is_read
 from packmech.jit.cache import KernelCache
-from packmech.public.status import is_read
 
 # The compiler makes many small objects that refer to each other and are needed until it is done: to look through them
 # for garbage as often as Python does by itself takes a sixth of the time, and finds next to none.

@@ -14,7 +14,6 @@ import inspect
 import os
 import pathlib
 import re
-import textwrap
 import time
 import types
 from collections.abc import Callable, Iterator
@@ -176,39 +175,6 @@ def function_key(function: Any) -> str | None:
         return hashlib.sha256("\n".join(_function(function, set())).encode()).hexdigest()
     except _UnknownMeaningError:
         return None
-
-
-def written_key(function: Any) -> str | None:
-    """Return a hash of the text of a function, and of what it calls and which constants it names in its own file.
-
-    It is the same for every version of Python, and sees no comments and docstrings; None without a text.
-
-    Examples
-    --------
-    >>> written_key(written_key) == written_key(written_key), written_key(len)
-    (True, None)
-
-    """
-    parts: list[str] = []
-    waiting, seen = [function], set()
-    while waiting:
-        one = inspect.unwrap(waiting.pop(0))
-        if id(one) in seen:
-            continue
-        seen.add(id(one))
-        try:
-            parts.append(code_of(textwrap.dedent(inspect.getsource(one)) + "\n"))
-        except (OSError, TypeError):
-            return None
-        if not inspect.isfunction(one):
-            continue
-        for name in sorted({name for code in _codes(one.__code__) for name in code.co_names}):
-            value = one.__globals__.get(name)
-            if isinstance(value, bool | int | float | str | tuple):
-                parts.append(f"{name} = {value!r}")
-            elif getattr(value, "__module__", None) == one.__module__ and isinstance(value, type | types.FunctionType):
-                waiting.append(value)
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:

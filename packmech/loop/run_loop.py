@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from packmech.calls.status import Progress, Report, check_progress, is_watched, shows
 from packmech.check import instance, integer, positive
 from packmech.jit.compiled import compile_clock
 from packmech.jit.interrupts import held_interrupts, safe_interrupts
 from packmech.loop.checkpoint import check_path
-from packmech.public.status import Progress, Report, check_progress, is_watched, shows
 from packmech.result import NotConverged, Outcome, Run
 
 R = TypeVar("R", bound=Run)

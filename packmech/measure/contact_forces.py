@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import STRAINED, honors
 from packmech.check import instance, warn
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
@@ -35,8 +37,6 @@ from packmech.jit.blas import single_thread
 from packmech.measure.friction import sum_both, tangential_forces
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import STRAINED, honors
 from packmech.scene import Scene
 
 # a contact bears force above this part of the mean normal force

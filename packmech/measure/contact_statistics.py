@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
 from packmech.check import instance, integer, one_of, positive, real
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
@@ -16,8 +18,6 @@ from packmech.jit.blas import single_thread
 from packmech.measure.contact_forces import resting_forces
 from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing, no_tangential
-from packmech.public.display import shown
-from packmech.public.honors import honors
 from packmech.scene import Scene
 
 

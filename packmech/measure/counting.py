@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from packmech.calls.honors import honors
 from packmech.check import instance, one_of, warn
 from packmech.contacts.fused_volume import shared_volume
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing, no_tangential
-from packmech.public.honors import honors
 
 # overlaps of less than this part of the contact distance are rounding [1]
 _ROUNDING = 1e-9
@@ -47,6 +47,12 @@ def packing_fraction(packing: Packing) -> float:
     unit = math.pi if packing.dimension == 2 else 4.0 * math.pi / 3.0
     volume = unit * (packing.radius_n**packing.dimension).sum() - shared_volume(packing)
     return float(volume / packing.box.volume)
+
+
+def mean_contacts(contacts: int, rattlers: int, particles: int) -> float:
+    """Return 2 N_c / N' of N_c contacts between the particles that do not rattle [1]; 0 where all do."""
+    held = particles - rattlers
+    return 2.0 * contacts / held if held else 0.0
 
 
 @honors("links shapes", packing_only=True)

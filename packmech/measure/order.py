@@ -11,13 +11,13 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
 from packmech.check import instance, integer, one_of
 from packmech.contacts.surroundings import RULES, Neighbors, find_neighbors
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import kernel
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
 
 # harmonics up to this degree have Wigner symbols and factorials that double precision carries
 _HIGHEST = 40

@@ -19,6 +19,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import instance
 from packmech.constraints.factor import DEPENDENT, ConstraintFactor
 from packmech.contacts import Contacts, pair_contacts
@@ -39,9 +42,6 @@ from packmech.linalg.factor import Factorization, factorize
 from packmech.linalg.linear_programs import SOLVE, LinearProgram
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing, no_own_images, no_tangential
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.result import Outcome
 from packmech.scene import Scene
 

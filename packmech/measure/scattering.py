@@ -16,13 +16,13 @@ from scipy.optimize import least_squares
 from scipy.special import j1, spherical_jn
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import clear_errors, finite_array, instance, integer_array, positive
 from packmech.jit.compiled import inlined, kernel
 from packmech.measure.structure import species_of
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 
 # particles at a time: the phases of their places then stay in the cache
 _BLOCK = 64

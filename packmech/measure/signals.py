@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
 from packmech.check import clear_errors, finite_array, integer, one_of, positive, real
-from packmech.public.display import shown
 
 ERRORS = ("standard", "bootstrap")
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import STRAINED, honors
 from packmech.check import instance, one_of
 from packmech.contacts import Contacts
 from packmech.measure.contact_forces import resting_forces
-from packmech.public.honors import STRAINED, honors
 from packmech.scene import Scene
 
 PARTS = ("total", "contacts", "links")

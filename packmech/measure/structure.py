@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import brief, finite_array, instance, integer, positive, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.jit.compiled import inlined, kernel
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.packing import DISCRETE_SIZES, Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 
 # a distance this near below the edge of a bin lies on it: shells of crystals are not split by rounding
 _ON_EDGE = 1e-12

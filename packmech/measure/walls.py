@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
 from packmech.check import instance
 from packmech.effects import (
     Repulsion,
@@ -16,8 +18,6 @@ from packmech.effects import (
     wall_sides,
 )
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
 from packmech.scene import Scene
 
 

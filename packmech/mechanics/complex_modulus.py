@@ -21,6 +21,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import instance, one_of, particle_mask, positive_array, two_axes
 from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, elements_of
@@ -48,9 +51,6 @@ from packmech.mechanics.network import network_among
 from packmech.mechanics.relaxation import general_factors
 from packmech.mechanics.system import across_bonds, closed_terms, single_second
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 MODES = ("shear", "uniaxial", "isotropic")

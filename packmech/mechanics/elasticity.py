@@ -10,6 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.effects import Friction, acting_friction, bonds_of
@@ -36,9 +39,6 @@ from packmech.mechanics.frictional import (
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
 from packmech.mechanics.relaxation import RelaxedStrains, relax
 from packmech.mechanics.system import System, bordered, system_of
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress

@@ -21,6 +21,9 @@ import scipy.sparse as sp
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import pair_rows
@@ -32,9 +35,6 @@ from packmech.measure.contact_forces import ContactForces, resting_forces, unles
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 # kinds of stiffness

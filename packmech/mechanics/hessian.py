@@ -14,6 +14,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.honors import STRAINED, honors
+from packmech.calls.status import shown_as
 from packmech.check import KINDS, STRAINS, BoxStrain, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
@@ -28,8 +30,6 @@ from packmech.mechanics.linked_systems import (
     soft_shift,
 )
 from packmech.mechanics.system import System, bordered, system_of
-from packmech.public.honors import STRAINED, honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 CURVATURES = ("det", "trace")

@@ -12,6 +12,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import KINDS, BoxStrain, Kind, bin_edges, instance, integer, one_of
 from packmech.constraints.basis import motion_basis
 from packmech.constraints.jacobian import scale_of_strain
@@ -22,9 +25,6 @@ from packmech.mechanics.hessian import check_choices, check_strain_of_box, corne
 from packmech.mechanics.linked_systems import Operator, link_motions, operator_of, rows_on
 from packmech.mechanics.network import Network
 from packmech.mechanics.system import bordered, system_of
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")

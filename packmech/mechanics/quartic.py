@@ -14,6 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import STRAINS, BoxStrain, finite_array, instance, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
@@ -22,9 +25,6 @@ from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.self_stress import RANK_TOLERANCE, floppy_modes
 from packmech.mechanics.system import system_of
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 from packmech.shapes import Beads
 

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.calls.honors import honors
 from packmech.check import STRAINS, BoxStrain, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.constraints.factor import ConstraintFactor
@@ -16,7 +17,6 @@ from packmech.contacts.given import contacts_of
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.packing import Packing
-from packmech.public.honors import honors
 
 
 def strain_columns(contacts: PairGeometry) -> NDArray[np.float64]:

@@ -16,6 +16,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import STRAINS, BoxStrain, instance, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT, ConstraintFactor
 from packmech.contacts import Contacts
@@ -29,9 +32,6 @@ from packmech.mechanics.linked_systems import rows_on
 from packmech.mechanics.modes import signed_columns
 from packmech.mechanics.rigidity import strain_columns
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 
 METHODS = ("auto", "dense", "sparse")
 # singular values below this fraction of the largest are zero (1e-10 in eigenvalues of A^T A)

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.honors import declare
 from packmech.check import finite_array, instance, integer, one_of, positive, real
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
@@ -24,7 +25,6 @@ from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.passes.shape_rows import shapes_of
 from packmech.minimize.program import OUTCOME_OF, Program, build_program
 from packmech.packing import Packing
-from packmech.public.honors import declare
 from packmech.result import Outcome
 from packmech.scene import Scene
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import instance, integer, positive
 from packmech.contacts import crossing_links
 from packmech.effects import (
@@ -33,8 +35,6 @@ from packmech.minimize.program import Evaluation, Minimization, Minimizer, Progr
 from packmech.minimize.second_order.newton import Newton, displaced, polish
 from packmech.observables import State, measure_added
 from packmech.packing import Packing
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Run, Stage, Trace, unmet_conditions
 from packmech.scene import Scene
 

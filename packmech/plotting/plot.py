@@ -36,7 +36,7 @@ from packmech.rheology.oscillatory import OscillatoryShear
 from packmech.rheology.steady import Creep, FlowCurve
 from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
-from packmech.validation.work_precision import WorkPrecision
+from packmech.validation.work_precision import WorkPrecision, error_heading
 from packmech.view import drawing
 from packmech.view.figures import COLORS, MARKERS, STYLE, matplotlib_parts, new_axes
 
@@ -696,18 +696,20 @@ def _draw_histogram(found: Histogram, ax: Any, *, log: bool = False, label: str 
 
 @_draws(WorkPrecision)
 def _draw_accuracy(found: WorkPrecision, ax: Any) -> None:
-    """Draw the error of each method against its time."""
+    """Draw the errors of each method against its time: a color for each method, a mark for each quantity."""
     several = len(found.quantities) > 1
-    pairs = [(method, name) for method in found.methods for name in found.quantities]
-    for k, (method, name) in enumerate(pairs):
-        trials = [one for one in found.of(method) if not one.failed and name in one.errors]
-        seconds, error = [one.seconds for one in trials], [one.errors[name] for one in trials]
-        style = {"marker": MARKERS[k % len(MARKERS)], "color": COLORS[k % len(COLORS)], "markersize": 4.0}
-        ax.plot(seconds, error, label=", ".join(filter(None, (method, name if several else ""))) or None, **style)
-    axis = "error" if several or not found.quantities else f"error of {found.quantities[0]}"
-    ax.set(xlabel="CPU time [s]", ylabel=axis.replace("error of error", "error"), xscale="log", yscale="log")
-    ax.set_title(found.title)
-    if several or any(found.methods):
+    for k, method in enumerate(found.methods):
+        for q, name in enumerate(found.quantities):
+            trials = [one for one in found.of(method) if not one.failed and name in one.errors]
+            if not trials:
+                continue
+            error, seconds = [one.errors[name] for one in trials], [one.seconds for one in trials]
+            mark = MARKERS[(q if several else k) % len(MARKERS)]
+            label = ", ".join(filter(None, (method, error_heading(name) if several else ""))) or None
+            ax.plot(seconds, error, color=COLORS[k % len(COLORS)], marker=mark, markersize=4.0, label=label)
+    axis = "error" if several or not found.quantities else error_heading(found.quantities[0])
+    ax.set(xlabel="CPU time [s]", ylabel=axis, xscale="log", yscale="log", title=found.title)
+    if ax.get_legend_handles_labels()[1]:
         ax.legend(frameon=False)
 
 

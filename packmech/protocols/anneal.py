@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.generate.cluster_shapes import LinearCluster
@@ -21,8 +23,6 @@ from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
 from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, check_jammed, finish, in_turn, is_jammed, report_start, sequence
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids

@@ -16,6 +16,9 @@ import numpy as np
 import scipy.linalg as sl
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import Kind, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
 from packmech.jit.blas import single_thread
@@ -26,9 +29,6 @@ from packmech.mechanics.network import contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.mechanics.system import assembled_system, bordered, closed_terms
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 FREEZE = ("angles", "clusters", "nothing")

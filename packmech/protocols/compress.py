@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.contacts.pairs import pair_names
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -28,8 +30,6 @@ from packmech.protocols.protocol import (
     sequence,
 )
 from packmech.protocols.soft import follow_pressure
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from packmech.calls.status import Progress
 from packmech.minimize.minimizers import registered_minimizers
 from packmech.minimize.quench import quench
 from packmech.protocols.cement import AVERAGES, MODULI, cement
@@ -14,7 +15,6 @@ from packmech.protocols.jam import jam
 from packmech.protocols.method import registered_methods
 from packmech.protocols.settle import settle
 from packmech.protocols.shearing.shear_stabilize import shear_stabilize
-from packmech.public.status import Progress
 from packmech.result import Run
 from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, SettleDrive, ShearStabilizeDrive
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 
+from packmech.calls.honors import declare
+from packmech.calls.status import Progress
 from packmech.check import BoxStrain, clear_errors, instance, one_of, positive
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -14,8 +16,6 @@ from packmech.protocols.method import JamMethod, held_columns
 from packmech.protocols.press import Press
 from packmech.protocols.program_chain import ProgramChain
 from packmech.protocols.protocol import Protocol, check_reachable, is_jammed, report_start
-from packmech.public.honors import declare
-from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import ROUGH_PRESSURE, Scene
 

@@ -6,10 +6,10 @@ import abc
 from collections.abc import Mapping
 from typing import ClassVar
 
+from packmech.calls.honors import columns_of
 from packmech.jit.compiled import own_name
 from packmech.packing import Packing
 from packmech.protocols.protocol import Protocol, finish
-from packmech.public.honors import columns_of
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 

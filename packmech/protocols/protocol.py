@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import honors
 from packmech.check import BoxStrain, instance, listed, positive, positive_array
 from packmech.constraints.projection import scale_box
 from packmech.contacts import Contacts
@@ -25,7 +26,7 @@ from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.loop.run_loop import RunLoop, TimeUp
 from packmech.measure.contact_forces import ContactForces, resting_forces
-from packmech.measure.counting import packing_fraction
+from packmech.measure.counting import mean_contacts, packing_fraction
 from packmech.measure.rattlers import find_rattling_clusters
 from packmech.mechanics.network import contact_network
 from packmech.mechanics.self_stress import states_of_self_stress
@@ -38,7 +39,6 @@ from packmech.minimize.quench import find_crossings, pairs_crossing
 from packmech.minimize.second_order.soft_network import Load, SoftNetwork, Units, length_unit, scaled_load
 from packmech.minimize.second_order.soft_newton import FLOORS, rounding_floor
 from packmech.packing import Packing
-from packmech.public.honors import honors
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 
@@ -412,8 +412,7 @@ def finish(
         free = report.get("floppy_modes", 0)
         report["states_of_self_stress"] = report["excess_contacts"] + 1 + free if report["contacts"] else 0
     if report.get("contacts") is not None:
-        held = packing.particles - report["rattlers"]
-        report["coordination_number"] = 2.0 * report["contacts"] / held if held else 0.0
+        report["coordination_number"] = mean_contacts(report["contacts"], report["rattlers"], packing.particles)
     outcome = judged(protocol, packing, outcome, residual, report, share)
     # a particle that its contacts do not hold must bear no force, but for what is not balanced
     allowed = max(protocol.force_tolerance, 10.0 * residual) * found.mean_force

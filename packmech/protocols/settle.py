@@ -8,6 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import instance, integer, positive
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans, with_dashpot
@@ -17,8 +19,6 @@ from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
 from packmech.mechanics.stability import Stability, stability
 from packmech.packing import Packing
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 

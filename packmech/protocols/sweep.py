@@ -7,6 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import BoxStrain, finite_array, instance, one_of, positive
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.stress import stress_tensor
@@ -14,8 +16,6 @@ from packmech.minimize.second_order.soft_network import Load
 from packmech.packing import no_own_images
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, check_jammed, check_reachable, follow_series, sequence
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 

@@ -9,10 +9,10 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import Report, check_progress
 from packmech.measure.signals import softening_strain, yield_strain
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import Report, check_progress
 from packmech.result import NotConverged
 from packmech.rheology.arguments import Several, SeveralRuns, listed, listed_numbers, run_each, runs_file
 from packmech.rheology.oscillatory import OscillatoryShear, oscillatory_shear

@@ -12,12 +12,12 @@ from typing import Any, TypedDict, TypeVar, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.status import Progress
 from packmech.check import call_fault, instance, integer, positive
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
 from packmech.loop.run_loop import RunLoop, run_settings
-from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 

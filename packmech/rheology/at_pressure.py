@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import instance, integer, positive, real, two_axes
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
@@ -17,8 +19,6 @@ from packmech.dynamics.spans import Spans
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_drift, block_mean
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 

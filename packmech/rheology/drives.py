@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from packmech.calls.status import Progress
 from packmech.dynamics.integrators import INTEGRATORS, VelocityVerlet, choose_time_step
 from packmech.dynamics.simulate import simulate, simulate_from
 from packmech.dynamics.simulation import Simulation
 from packmech.effects import Bonds
 from packmech.loop.checkpoint import RunsFile
-from packmech.public.status import Progress
 from packmech.rheology.arguments import runs_file
 from packmech.rheology.at_pressure import PressureShear, shear_at_pressure
 from packmech.rheology.equilibrate import equilibrate

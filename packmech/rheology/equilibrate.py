@@ -10,6 +10,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from packmech.calls.honors import honors
 from packmech.check import integer, positive, two_axes
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
 from packmech.effects import BackgroundDamping, Repulsion, bonds_of
@@ -17,7 +18,6 @@ from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
 from packmech.mechanics.elasticity import elastic_moduli
 from packmech.minimize.quench import quench
 from packmech.packing import Packing
-from packmech.public.honors import honors
 from packmech.result import Condition, NotConverged, Outcome, Row, Run, Stage, unmet_conditions
 from packmech.rheology.arguments import AtRest, StrainSettings, check_arguments, listed
 from packmech.rheology.oscillatory import characteristic_time, frequency_of, rest_row

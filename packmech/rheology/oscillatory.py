@@ -9,6 +9,7 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import honors
 from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
@@ -16,7 +17,6 @@ from packmech.effects import bonds_of, is_bound, law_second, pair_second
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
-from packmech.public.honors import honors
 from packmech.result import Condition, Outcome, Row, Run, particles_in_words
 from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed
 from packmech.rheology.strain_run import StrainPlan, StrainRun, StrainTask

@@ -11,14 +11,14 @@ from typing import Any, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
 from packmech.check import integer, one_of, positive, real, two_axes
 from packmech.dynamics.deformation import MODES, Ramp, SteadyStrain
 from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import tensors
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_drift, block_mean
-from packmech.public.display import shown
-from packmech.public.honors import honors
 from packmech.result import Condition, NotConverged, Outcome, Row, Summary, particles_in_words
 from packmech.rheology.arguments import (
     Common,

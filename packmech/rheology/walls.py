@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
 from packmech.check import instance, integer, positive
 from packmech.dynamics.deformation import gamma_at
 from packmech.dynamics.engine import Engine
@@ -18,8 +20,6 @@ from packmech.effects import Walls
 from packmech.loop.checkpoint import saved_array
 from packmech.measure.signals import Demodulation
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
 from packmech.result import Row
 from packmech.rheology.arguments import StrainSettings
 

@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+from packmech.calls.status import Progress, check_progress
 from packmech.check import clear_errors, instance, integer
-from packmech.public.status import Progress, check_progress
 from packmech.scene import Scene, drive_code
 
 

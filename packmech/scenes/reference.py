@@ -11,9 +11,9 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from packmech.calls.docstrings import first_sentence, meanings_of
 from packmech.effects import registered_effects, registered_laws
 from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
-from packmech.public.docstrings import first_sentence, meanings_of
 from packmech.scene import drive_code, registered_drives
 from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds
 

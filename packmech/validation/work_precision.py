@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from packmech.calls.display import shown
 from packmech.check import clear_errors, function, integer, positive
 from packmech.linalg.line import fit_line, windows_without_ends
-from packmech.public.display import shown
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
 
@@ -85,25 +85,37 @@ class WorkPrecision:
         """Error below which finer settings do not help; 0 where the trials did not reach one."""
         return self.fit(method, quantity=quantity).floor
 
-    def cheapest(self, *, error_below: float, quantity: str | None = None) -> Trial | None:
+    def cheapest(self, *, error_below: float | Mapping[str, float], quantity: str | None = None) -> Trial | None:
         """Return the quickest trial that did not fail and whose errors are below the bound; None when there is none.
 
-        Without a quantity all of them must be.
+        Parameters
+        ----------
+        error_below
+            One bound for the errors of all quantities, or of `quantity` alone; or bounds by quantity, of those that
+            matter.
+        quantity
+            The only one that the bound is for.
+
         """
-        if not error_below > 0.0:
-            raise ValueError(f"error_below must be positive, got {error_below}")
-        names = self.quantities if quantity is None else (self._quantity(quantity),)
+        bounds: dict[str, float]
+        if isinstance(error_below, Mapping):
+            bounds = {self._quantity(name): bound for name, bound in error_below.items()}
+        else:
+            bounds = dict.fromkeys(self.quantities if quantity is None else [self._quantity(quantity)], error_below)
+        for name, bound in bounds.items():
+            if not bound > 0.0:
+                raise ValueError(f"error_below must be positive, got {bound} for {name!r}")
         good = [
             trial
             for trial in self.trials
-            if not trial.failed and all(trial.errors.get(name, math.inf) < error_below for name in names)
+            if not trial.failed and all(trial.errors.get(name, math.inf) < bound for name, bound in bounds.items())
         ]
         return min(good, key=lambda trial: trial.seconds, default=None)
 
     def to_csv(self) -> str:
         """Return the table as comma-separated values, numbers with every digit."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
-        headings = ("method", self.knob, *map(_heading, self.quantities), "cpu seconds", *work)
+        headings = ("method", self.knob, *map(error_heading, self.quantities), "cpu seconds", *work)
         rows = []
         for trial in self.trials:
             errors = (trial.errors.get(name, "") for name in self.quantities)
@@ -114,7 +126,7 @@ class WorkPrecision:
     def to_markdown(self) -> str:
         """Return the table as Markdown: short numbers, failures in words."""
         work = tuple(dict.fromkeys(name for trial in self.trials for name in trial.work))
-        headings = ("method", self.knob, *map(_heading, self.quantities), "CPU s", *work, "failed")
+        headings = ("method", self.knob, *map(error_heading, self.quantities), "CPU s", *work, "failed")
         rows = []
         for trial in self.trials:
             errors = [f"{trial.errors[name]:.1e}" if name in trial.errors else "-" for name in self.quantities]
@@ -181,7 +193,7 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:
     return best[1]
 
 
-def _heading(quantity: str) -> str:
+def error_heading(quantity: str) -> str:
     """Return the heading of a column of errors; that of a value without a name is "error"."""
     return quantity if quantity == "error" else f"error in {quantity}"
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from packmech.calls.status import shown_as
 from packmech.check import instance, integer, one_of
 from packmech.packing import Packing
-from packmech.public.status import shown_as
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.view import drawing

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.honors import ANY_LENGTH, honors
 from packmech.check import finite_array, instance, integer
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import acts, bonds_of
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
-from packmech.public.honors import ANY_LENGTH, honors
 from packmech.scene import Scene
 from packmech.view import drawing
 

@@ -20,6 +20,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from packmech.calls.status import shown_as
 from packmech.check import instance, integer, table
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
@@ -29,7 +30,6 @@ from packmech.jamming.play import PlayedMotion
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
 from packmech.packing import Packing
-from packmech.public.status import shown_as
 from packmech.result import Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Discs, Spheroids

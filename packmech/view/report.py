@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.status import shown_as
 from packmech.check import BoxStrain, function, instance, integer, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
@@ -20,7 +21,7 @@ from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in, resting_forces
-from packmech.measure.counting import packing_fraction
+from packmech.measure.counting import mean_contacts, packing_fraction
 from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
@@ -29,8 +30,7 @@ from packmech.mechanics.network import contact_network
 from packmech.mechanics.quartic import quartic_modes
 from packmech.packing import Packing
 from packmech.protocols.protocol import shaped_count
-from packmech.public.status import shown_as
-from packmech.result import NotConverged, Row, Run, Stage, Summary, particles_in_words
+from packmech.result import NotConverged, Row, Run, Stage, Summary, onset_row, particles_in_words
 from packmech.scene import Scene
 
 # what a part of the examination may raise for a packing that does not allow it; the other parts still count
@@ -248,10 +248,13 @@ def examine(
     elif verdict:
         with _part(report, "verdict", progress):
             _verdict(report, *asked)
+        if _has_its_hard_packing(report):
+            with _part(report, "verdict of the hard packing", progress):
+                _hard_verdict(report, asked[1])
     if "coordination_number" not in report.numbers:  # with friction it counts contacts that bear a force
         # made of the counts that are shown, which the verdict may have bettered
-        held = report.numbers["particles"] - report.numbers["rattlers"]
-        report.numbers["coordination_number"] = 2.0 * report.numbers["contacts"] / held if held else 0.0
+        counts = (report.numbers[name] for name in ("contacts", "rattlers", "particles"))
+        report.numbers["coordination_number"] = mean_contacts(*counts)
     with _part(report, "moduli", progress):
         _moduli(report)
     if modes and not rough:
@@ -445,12 +448,20 @@ def _verdict(report: Report, gap_tolerance: float | None, method: str) -> None:
             report.numbers["backbone_links"] = verdict.backbone_links
     report.numbers |= verdict_numbers(verdict)
     report.stages.append(Stage("verdict", max(a.balance for a in answers.values()), seconds=verdict.seconds))
-    hard = getattr(report.run, "report", {}).get("hard_packing")
-    if hard is not None and "ambiguous" in (verdict.collective, verdict.strict):
-        # of overlapping particles it cannot be told which touch; of those that they were pressed from it can
-        exact = classify_jamming(hard)
-        report.numbers |= {"hard_collective": exact.collective, "hard_strict": exact.strict}
-        report.stages.append(Stage("verdict of the hard packing", exact.strictly.balance, seconds=exact.seconds))
+
+
+def _has_its_hard_packing(report: Report) -> bool:
+    """Whether overlaps hide which particles touch, and the run began at a hard packing of the same contacts."""
+    verdict, known = report.verdict, getattr(report.run, "report", {})
+    return verdict is not None and not verdict.touching.on_plateau and {"onset_between", "hard_packing"} <= set(known)
+
+
+def _hard_verdict(report: Report, method: str) -> None:
+    assert report.run is not None
+    verdict = classify_jamming(report.run.report["hard_packing"], method=method)
+    report.numbers |= {"hard_collective": verdict.collective, "hard_strict": verdict.strict}
+    balance = max(verdict.collectively.balance, verdict.strictly.balance)
+    report.stages.append(Stage("verdict of the hard packing", balance, seconds=verdict.seconds))
 
 
 def _stability(report: Report) -> None:
@@ -526,9 +537,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         note = f"of the hard packing, rattlers included; protocol {numbers['method']}{followed}"
         rows.append(("packing fraction at jamming", f"{numbers['jamming_packing_fraction']:.8f}", note))
     if "onset_between" in numbers:
-        low, high = numbers["onset_between"]
-        note = f"no overlaps at the first; under pressure at the second, {high - low:.1e} above"
-        rows.append(("onset between", f"{low:.10f}, {high:.10f}", note))
+        rows.append(onset_row(*numbers["onset_between"]))
     rows += [
         *_sizes_row(numbers),
         ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
@@ -548,7 +557,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         rows += verdict_rows(numbers)
     if "hard_strict" in numbers:
         answer = f"collectively {numbers['hard_collective']}, strictly {numbers['hard_strict']}"
-        rows.append(("at its onset", answer, "the hard packing that it was pressed from, by its exact contacts"))
+        rows.append(("hard packing", answer, "that it was pressed from, by its exact contacts"))
     if "local_minimum" in numbers:
         rows += _stability_rows(numbers)
     if "bulk_modulus" in numbers:

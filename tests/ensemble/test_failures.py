@@ -13,7 +13,7 @@ import packmech as pm
 from packmech.ensemble.folder import claimed, listed_members
 
 # what failed is what these tests look at
-pytestmark = pytest.mark.filterwarnings("ignore:.* members failed:RuntimeWarning")
+pytestmark = pytest.mark.filterwarnings("ignore:.* members failed:UserWarning")
 
 
 def test_members_that_raise_hang_eat_memory_or_die_are_rows_and_not_fatal(tmp_path, called):

@@ -9,7 +9,7 @@ import packmech as pm
 from packmech.ensemble.statistics import bootstrap, fit_power_law, group_statistics, histogram
 
 # what failed is what these tests look at
-pytestmark = pytest.mark.filterwarnings("ignore:.* members failed:RuntimeWarning")
+pytestmark = pytest.mark.filterwarnings("ignore:.* members failed:UserWarning")
 
 
 def test_bootstrap_errors_are_the_known_ones_of_normal_numbers():

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import packmech as pm
 from packmech.validation.work_precision import Answer, fit_power_law, work_precision
 
 HALVINGS = tuple(0.1 / 2**k for k in range(6))
@@ -225,3 +226,22 @@ def test_an_unknown_method_is_named(growth, ask):
 def test_an_unknown_quantity_is_named(growth):
     with pytest.raises(ValueError, match="quantity must be one of .*got 'energy'"):
         growth.cheapest(error_below=1.0, quantity="energy")
+
+
+def test_one_bound_is_for_all_quantities_and_bounds_by_name_for_those_named():
+    def trial(setting, seconds, **errors):
+        return pm.Trial(method="only", setting=setting, errors=errors, seconds=seconds)
+
+    trials = (trial(0.1, 1.0, energy=1e-6, stress=1e-2), trial(0.01, 2.0, energy=1e-9, stress=1e-5))
+    table = pm.WorkPrecision(trials, {"only": 0.0})
+    assert table.cheapest(error_below=1e-4).seconds == 2.0
+    assert table.cheapest(error_below=1e-4, quantity="energy").seconds == 1.0
+    assert table.cheapest(error_below={"energy": 1e-4}).seconds == 1.0
+    assert table.cheapest(error_below={"energy": 1e-4, "stress": 1e-3}).seconds == 2.0
+    assert table.cheapest(error_below={"energy": 1e-12}) is None
+    with pytest.raises(ValueError, match="quantity must be one of"):
+        table.cheapest(error_below={"pressure": 1e-3})
+    with pytest.raises(ValueError, match="error_below must be positive, got 0.0 for 'stress'"):
+        table.cheapest(error_below={"stress": 0.0})
+    ax = pm.plot(table)
+    assert [one.get_text() for one in ax.get_legend().get_texts()] == ["only, error in energy", "only, error in stress"]

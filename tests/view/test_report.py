@@ -217,6 +217,14 @@ def test_the_verdict_of_the_hard_packing_stands_beside_one_that_overlaps_hide():
     assert report.numbers["strict"] == "ambiguous"
     exact = pm.classify_jamming(run.report["hard_packing"])
     assert (report.numbers["hard_collective"], report.numbers["hard_strict"]) == (exact.collective, exact.strict)
-    assert exact.strict == "jammed" and "at its onset" in str(report.summary())
-    near = examine(scene.replace(packing=pm.jam(scene, pressure=1e-8).packing), strain="free", modes=0)
-    assert "hard_strict" not in near.numbers
+    assert exact.strict == "jammed" and "hard packing  " in str(report.summary())
+    low = pm.jam(scene, pressure=1e-8)
+    near = examine(scene.replace(packing=low.packing), run=low, strain="free", modes=0)
+    assert near.numbers["strict"] == "jammed" and "hard_strict" not in near.numbers
+    held = run.packing.particles - run.report["rattlers"]
+    assert run.report["coordination_number"] == 2.0 * run.report["contacts"] / held
+    # followed from where it stands, which the printed fraction says
+    again = pm.jam(scene.replace(packing=run.packing), pressure=2e-2)
+    assert again.report["start"] in ("continued", "rearranged")
+    shown = str(examine(scene.replace(packing=again.packing), run=again, strain="free", modes=0).summary())
+    assert "followed from the packing as it stood" in shown

@@ -12,6 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import instance, listed, positive, real, two_axes
 from packmech.contacts.network import find_contacts, pair_contacts
 from packmech.contacts.overlaps import overlap_of_hard
@@ -32,9 +35,6 @@ from packmech.protocols.protocol import Protocol
 from packmech.protocols.shearing.hard_discs import HardDiscs
 from packmech.protocols.shearing.hard_path import Change, HardPath, Vertex
 from packmech.protocols.shearing.hard_shapes import HardShapes
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import instance, positive, two_axes
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans
 from packmech.effects import BackgroundDamping
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.contact_forces import ContactForces, contact_forces
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import time
 
+from packmech.calls.honors import honors
+from packmech.calls.status import Progress
 from packmech.check import instance, integer, positive
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -11,8 +13,6 @@ from packmech.minimize.second_order.soft_newton import SoftState, judge, newton
 from packmech.packing import Packing
 from packmech.protocols.linked_jam import stabilize_linked
 from packmech.protocols.protocol import Protocol, finish
-from packmech.public.honors import honors
-from packmech.public.status import Progress
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 

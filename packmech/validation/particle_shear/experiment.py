@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech import check
+from packmech.calls.display import shown
 from packmech.observables import Table, make_table
-from packmech.public.display import shown
 from packmech.validation.particle_shear.material import (
     Material,
     contact_stiffness,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.public.honors import CALLS, COLUMNS, EFFECTS, HONORED, INSTEAD, NOTHING, REFUSED, columns_of
+from packmech.calls.honors import CALLS, COLUMNS, EFFECTS, HONORED, INSTEAD, NOTHING, REFUSED, columns_of
 
 # calls are declared as their modules are imported
 for _name in dir(pm):

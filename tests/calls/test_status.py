@@ -8,7 +8,7 @@ import time
 import pytest
 
 import packmech as pm
-from packmech.public.status import Status, shown_as, shows, words_of
+from packmech.calls.status import Status, shown_as, shows, words_of
 
 
 class Terminal(io.StringIO):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.public.display import LETTERS, LINES, in_words, shown
+from packmech.calls.display import LETTERS, LINES, in_words, shown
 
 LONGEST = 1500
 

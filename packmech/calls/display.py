@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from packmech.public.docstrings import first_sentence, meanings_of, unit_in
+from packmech.calls.docstrings import first_sentence, meanings_of, unit_in
 
 C = TypeVar("C", bound=type)
 
