@@ -65,7 +65,8 @@ def test_measures_are_names_of_the_report_and_functions_of_the_scene(tmp_path):
     assert found.results == ("strict", "rattlers", "pressure")
     assert found["strict"].tolist() == ["jammed"]
     assert found["pressure"][0] == pytest.approx(1e-4, rel=1e-6)
-    wrong = pm.run_ensemble("default", SMALL | {"seed": 0}, tmp_path / "wrong", measures=["rattlrs"], workers=1)
+    with pytest.warns(UserWarning, match="1 of 1 members failed, the first with ValueError: measures must be among"):
+        wrong = pm.run_ensemble("default", SMALL | {"seed": 0}, tmp_path / "wrong", measures=["rattlrs"], workers=1)
     assert "rattlers" in wrong["message"][0]
 
 
