@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import functools
 import hashlib
 import inspect
 import textwrap
@@ -60,8 +59,15 @@ def text_key(path: Path, name: str) -> str | None:
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-# the key of what a process has imported: a file that is edited later changes no code that runs
-first_text_key = functools.cache(text_key)
+_MET: dict[int, tuple[Any, str | None]] = {}
+
+
+def first_text_key(function: Any, path: Path, name: str) -> str | None:
+    """Return `text_key` as it was when this process met the function: later edits change no code that it runs."""
+    if id(function) not in _MET:
+        # the function is kept, so that no other takes its place in memory
+        _MET[id(function)] = function, text_key(path, name)
+    return _MET[id(function)][1]
 
 
 def file_key(path: Path) -> str:

@@ -223,7 +223,7 @@ def function_at(
     if not callable(found):
         raise ValueError(f"{argument} must be a function, got {module}:{name}, which is {found!r}")
     path = _file_of(reference) if "text" in reference else None
-    if path is not None and first_text_key(path, name) != reference["text"]:
+    if path is not None and first_text_key(found, path, name) != reference["text"]:
         raise ValueError(
             f"{argument} must be written as when the folder was made, got a changed {name} in {path.name}: run it into "
             "a new folder"
@@ -255,7 +255,9 @@ def check_parameters(table: Mapping[str, Any], member: Member, given: Functions 
 
     """
     if "function" in table:
-        _arguments(function_at(table["function"], given=given), member, Path())
+        # whoever runs members looks at the text: this process may have imported one that was edited since
+        named = {part: value for part, value in table["function"].items() if part != "text"}
+        _arguments(function_at(named, given=given), member, Path())
     else:
         _scene(table, member)
 

@@ -171,6 +171,22 @@ def test_a_changed_function_of_a_file_is_refused_by_run_and_resume(tmp_path):
     assert folder.exists()
 
 
+EDITED = """
+import pathlib
+import packmech as pm
+
+if __name__ == "__main__":
+    file = pathlib.Path("edited_job.py")
+    for folder, factor in (("one", 10), ("two", 20)):
+        file.write_text(f"def job(x):\\n    return {{'y': {factor} * x}}\\n")
+        print(*pm.run_ensemble("edited_job.py:job", {"x": [1, 2]}, folder, workers=1)["y"])
+"""
+
+
+def test_a_file_edited_between_two_runs_of_one_process_runs_into_a_new_folder(tmp_path):
+    assert run(EDITED, tmp_path) == ["10", "20", "20", "40"]
+
+
 def test_a_changed_file_that_is_loaded_is_another_job(tmp_path):
     file = tmp_path / "laws.py"
     file.write_text("SCALE = 1.0\n")
