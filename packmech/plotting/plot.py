@@ -662,21 +662,25 @@ def _draw_groups(
     axis = names[0] if over is None and names else one_of("over", over, names)
     others = [name for name in names if name != axis]
     keys = list(zip(*(groups.by[name].tolist() for name in others), strict=True)) or [()] * len(groups.value_g)
-    for key in dict.fromkeys(keys):
-        own = np.array([one == key for one in keys])
+    lines = list(dict.fromkeys(keys))
+    for key in lines:
+        members = np.array([one == key for one in keys])
         words = [f"{name.rpartition('.')[2]} = {value}" for name, value in zip(others, key, strict=True)]
         style = _curve(ax, ", ".join([*([label] if label else []), *words]))
         style |= {"fmt": MARKERS[COLORS.index(style["color"]) % len(MARKERS)] + "-", "markersize": 4.0, "capsize": 2.0}
-        ax.errorbar(groups.by[axis][own].astype(float), groups.value_g[own], groups.error_g[own], **style)
+        x, value, error = groups.by[axis][members].astype(float), groups.value_g[members], groups.error_g[members]
+        ax.errorbar(x, value, error, **style)
     if fit is not None:
         x = np.geomspace(float(groups.by[axis].min()), float(groups.by[axis].max()), 100)
         fitted = rf"exponent {fit.exponent:.3f} $\pm$ {fit.exponent_error:.1g}"
         if fit.limit:
             fitted = rf"limit {fit.limit:.5g} $\pm$ {fit.limit_error:.1g}, exponent {fit.exponent:.3g}"
-        ax.plot(x, fit.limit + fit.prefactor * x**fit.exponent, color="#444444", linestyle="--", label=fitted)
+        color = style["color"] if len(lines) == 1 else "#444444"
+        ax.plot(x, fit.limit + fit.prefactor * x**fit.exponent, color=color, linestyle="--", label=fitted)
+    drawn, own = ax.get_ylabel(), f"{groups.statistic} of {groups.name.replace('_', ' ')}"
     ax.set(
         xlabel=axis.rpartition(".")[2].replace("_", " "),
-        ylabel=f"{groups.statistic} of {groups.name.replace('_', ' ')}",
+        ylabel=own if not drawn else drawn if own in drawn.split("; ") else f"{drawn}; {own}",
     )
     _finish(ax)
     _scale(ax, fit is not None if log is None else log)
