@@ -237,6 +237,14 @@ from packmech.measure.structure import correlation_length as correlation_length
 from packmech.measure.structure import CorrelationLength as CorrelationLength
 from packmech.contacts.surroundings import find_neighbors as find_neighbors
 from packmech.contacts.surroundings import Neighbors as Neighbors
+from packmech.measure.displacements import displacements as displacements
+from packmech.measure.displacements import Displacements as Displacements
+from packmech.measure.displacements import local_strain as local_strain
+from packmech.measure.displacements import LocalStrain as LocalStrain
+from packmech.measure.mobility import mean_square_displacement as mean_square_displacement
+from packmech.measure.mobility import MeanSquareDisplacement as MeanSquareDisplacement
+from packmech.measure.mobility import self_scattering as self_scattering
+from packmech.measure.mobility import SelfScattering as SelfScattering
 from packmech.measure.order import bond_orientational_order as bond_orientational_order
 from packmech.measure.order import BondOrder as BondOrder
 from packmech.measure.order import nematic_order as nematic_order
@@ -353,7 +361,10 @@ from packmech.jit.compiled import kernel as kernel
 #: g, g_r, rdf, radial_distribution -> pair_distribution
 #: s_k, s_q, hyperuniformity -> structure_factor
 #: psi6, psi_6, hexatic, steinhardt -> bond_orientational_order
-#: msd, mean_square_displacement, diffusion, trajectory -> simulate, read_trajectory
+#: msd, diffusion, mobility -> mean_square_displacement
+#: trajectory -> simulate, read_trajectory
+#: d2min, nonaffine, affine, von_mises -> local_strain, displacements
+#: isf, f_s, intermediate_scattering, relaxation_time -> self_scattering
 #: minimize, relax, energy_minimization -> quench
 #: viscosity, flow -> steady_shear
 #: yield_stress -> steady_shear, quasistatic_shear

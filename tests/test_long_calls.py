@@ -10,7 +10,14 @@ import packmech as pm
 SHORT = {
     *("at_packing_fraction", "bond_contacts", "change_of_basis", "contact_distance", "contact_forces"),
     *("contact_statistics", "coordination_number", "correlation_function", "crossing_links", "cut_fragments"),
-    *("constrained_rigidity_matrix", "constraint_basis", "constraint_jacobian", "displaced", "draw_frame"),
+    *(
+        "constrained_rigidity_matrix",
+        "constraint_basis",
+        "constraint_jacobian",
+        "displaced",
+        "displacements",
+        "draw_frame",
+    ),
     *("dynamical_matrix", "energy", "fill_box", "find_contacts", "find_rattlers", "find_shape_contacts"),
     *("force_chains", "force_distribution", "forces", "hessian", "lattice_packing", "link_tension"),
     *("material_constants", "n_matrix", "nematic_order", "observable", "packing_fraction", "pressure"),
