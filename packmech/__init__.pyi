@@ -237,6 +237,8 @@ from packmech.measure.structure import correlation_length as correlation_length
 from packmech.measure.structure import CorrelationLength as CorrelationLength
 from packmech.contacts.surroundings import find_neighbors as find_neighbors
 from packmech.contacts.surroundings import Neighbors as Neighbors
+from packmech.measure.coarse_grain import coarse_grain as coarse_grain
+from packmech.measure.coarse_grain import CoarseFields as CoarseFields
 from packmech.measure.displacements import displacements as displacements
 from packmech.measure.displacements import Displacements as Displacements
 from packmech.measure.displacements import local_strain as local_strain
@@ -363,6 +365,7 @@ from packmech.jit.compiled import kernel as kernel
 #: psi6, psi_6, hexatic, steinhardt -> bond_orientational_order
 #: msd, diffusion, mobility -> mean_square_displacement
 #: trajectory -> simulate, read_trajectory
+#: coarse_graining, stress_field, density_field, goldhirsch -> coarse_grain
 #: d2min, nonaffine, affine, von_mises -> local_strain, displacements
 #: isf, f_s, intermediate_scattering, relaxation_time -> self_scattering
 #: minimize, relax, energy_minimization -> quench

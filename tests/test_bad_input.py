@@ -41,7 +41,7 @@ RESULTS = {
     "FamilyChange", "ForceChains", "ForceDistribution", "GroupStatistics", "Histogram", "Neighbors",
     "NematicOrder", "PairDistribution", "PartialStructureFactors", "PowerLawFit", "QuasistaticShear",
     "ShearFamilies", "ShellAverage", "SpectrumFit",
-    "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
+    "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
     "particle_shear",
 }  # fmt: skip
 
@@ -657,12 +657,16 @@ BAD = {
     "find_neighbors.rule": CHOICE,
     "cutoff": POSITIVE,
     "local_strain.cutoff": [one for one in POSITIVE if one is not None],
-    # motion
+    # fields and motion
+    "coarse_grain.width": POSITIVE,
+    "coarse_grain.shape": [0, -1, 2.5, "2", (3,), (3, 0), (3, 3, 3), 10**6],
     "before": [None, "packing", 3, np.zeros((9, 2)), lone_particle()],
     "after": [None, "packing", 3, np.zeros((9, 2)), lone_particle()],
     "deformation_dd": ["f", 3.0, np.eye(3), [[1.0, NAN], [0.0, 1.0]], []],
-    "mean_square_displacement.frames": [None, "run", 3, [], [lone_particle()], [lone_particle(), crystal()], [None, None]],
-    "self_scattering.frames": [None, "run", 3, [], [lone_particle()], [lone_particle(), crystal()], [None, None]],
+    **{
+        f"{call}.frames": [None, "run", 3, [], [lone_particle()], [lone_particle(), crystal()], [None, None]]
+        for call in ("mean_square_displacement", "self_scattering")
+    },
     "mean_square_displacement.time_t": ["t", 3.0, [0.0], [0.0, NAN], [1.0, 0.0], [0.0, 0.0]],
     "self_scattering.time_t": ["t", 3.0, [0.0], [0.0, NAN], [1.0, 0.0], [0.0, 0.0]],
     "lags": ["1", [0], [-1], [1.5], [2], [NAN], []],
@@ -901,6 +905,7 @@ def good(name, folder):
         "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
         "record_motion": {"played": pm.play_motion(touching(), np.eye(9, 2), steps=2), "path": folder / "m.rrd"},
         "bond_orientational_order": {"packing": touching()},
+        "coarse_grain": {"scene": scene(), "width": 0.5},
         "displacements": {"before": touching(), "after": touching()},
         "local_strain": {"before": touching(), "after": touching()},
         "mean_square_displacement": {"frames": [touching(), touching()]},

@@ -177,6 +177,11 @@ class ContactForces:
             return links, links.multipliers(-self.force_nd, None if held is None else ~held)
 
     @property
+    def link_pairs(self) -> Contacts:
+        """The linked pairs, in the order of the links."""
+        return self._links[0].pairs
+
+    @property
     def tension_l(self) -> NDArray[np.float64]:
         """The (L,) forces in the rigid links, as `link_tension` gives them [force]."""
         return self._links[1]
