@@ -47,6 +47,11 @@ def frames_of(frames: Any, time_t: ArrayLike | None) -> Frames:
     """
     trace = getattr(frames, "trace", None)
     if isinstance(frames, Sequence) and all(isinstance(one, Packing) for one in frames) and len(frames) > 1:
+        sizes = {(one.particles, one.dimension) for one in frames}
+        if len(sizes) > 1:
+            raise ValueError(
+                f"frames must be of the same particles, got packings of {sorted(sizes)} particles and axes"
+            )
         steps = [displacements(before, after) for before, after in zip(frames, frames[1:], strict=False)]
         inverse = [one.box.inverse_dd for one in frames[1:]]
         moved = [step.nonaffine_nd @ one.T for step, one in zip(steps, inverse, strict=True)]
@@ -68,7 +73,8 @@ def frames_of(frames: Any, time_t: ArrayLike | None) -> Frames:
         )
     apart = np.diff(found.time_t)
     if len(apart) == 0 or not (apart > 0.0).all() or np.ptp(apart) > _EVEN * apart.mean():
-        raise ValueError(f"frames must be at least two, evenly spaced in time, got times {brief(found.time_t)}")
+        what = "frames" if time_t is None else "time_t"
+        raise ValueError(f"{what} must be evenly spaced in time, growing, two at least, got {brief(found.time_t)}")
     return found
 
 
