@@ -660,7 +660,7 @@ BAD = {
     # fields and motion
     "coarse_grain.width": POSITIVE,
     "coarse_grain.shape": [0, -1, 2.5, "2", (3,), (3, 0), (3, 3, 3), 10**6],
-    "before": [None, "packing", 3, np.zeros((9, 2)), lone_particle()],
+    "before": [None, "packing", 3, np.zeros((9, 2))],
     "after": [None, "packing", 3, np.zeros((9, 2)), lone_particle()],
     "deformation_dd": ["f", 3.0, np.eye(3), [[1.0, NAN], [0.0, 1.0]], []],
     **{

@@ -71,7 +71,7 @@ def _check_same(before: Packing, after: Packing) -> None:
     for name in ("particles", "dimension"):
         if getattr(before, name) != getattr(after, name):
             raise ValueError(
-                f"before and after must have the same {name}, got {getattr(before, name)} and {getattr(after, name)}"
+                f"after must have the {name} of before, {getattr(before, name)}, got {getattr(after, name)}"
             )
 
 
