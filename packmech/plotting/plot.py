@@ -485,6 +485,64 @@ def _draw_correlation(found: Correlation, ax: Any, *, log: bool = False, label: 
     _scale(ax, log)
 
 
+@_draws(MeanSquareDisplacement)
+def _draw_mobility(found: MeanSquareDisplacement, ax: Any, *, log: bool = False, label: str = "") -> None:
+    """Draw mean square displacements with their errors against time."""
+    ax.errorbar(found.time_l, found.msd_l, found.error_l, **_POINTS, **_curve(ax, label))
+    ax.set(xlabel="lag [time]", ylabel="mean square displacement [length$^2$]")
+    _finish(ax)
+    _scale(ax, log)
+
+
+@_draws(SelfScattering)
+def _draw_scattering(found: SelfScattering, ax: Any, *, log: bool = True, label: str = "") -> None:
+    """Draw the scattering function against the logarithm of time."""
+    ax.errorbar(found.time_l, found.f_l, found.error_l, **_POINTS, **_curve(ax, label))
+    ax.axhline(math.exp(-1.0), color="#888888", linewidth=0.8)
+    ax.set(xlabel="lag [time]", ylabel=rf"$F_s(k, t)$ at $k$ = {found.wave_number:.4g}")
+    _finish(ax)
+    if log:
+        ax.set_xscale("log")
+
+
+@_draws(Displacements, size=SQUARE)
+def _draw_displacements(found: Displacements, ax: Any, *, packing: Any = None, scale: float | None = None) -> None:
+    """Draw nonaffine displacements about their mean, as arrows on the first packing."""
+    shown = _packing_of("displacements", packing)
+    _draw_packed(shown, ax, forces=False, bar=False)
+    _arrows(ax, shown, found.nonaffine_nd - found.drift_d, scale)
+    ax.set_title(f"nonaffine displacements, root mean square {math.sqrt(found.mean_square):.3g}")
+
+
+@_draws(LocalStrain, size=SQUARE)
+def _draw_local_strain(found: LocalStrain, ax: Any, *, packing: Any = None) -> None:
+    """Draw the first packing, each particle colored by the logarithm of its D2min."""
+    known = found.d2min_n > 0.0
+    least = float(found.d2min_n[known].min()) if known.any() else 1.0
+    color = np.log10(np.where(known, found.d2min_n, least))
+    _draw_packed(_packing_of("local strain", packing), ax, forces=False, color=color, label=r"$\log_{10}$ D2min")
+
+
+# what may be drawn of coarse fields, and its unit
+_FIELDS = {"pressure": _UNIT, "density": "[mass/length$^d$]"}
+
+
+@_draws(CoarseFields, size=SQUARE)
+def _draw_fields(found: CoarseFields, ax: Any, *, of: str = "pressure") -> None:
+    """Draw a field in the plane, of one cell."""
+    one_of("of", of, tuple(_FIELDS))
+    if len(found.shape) != 2:
+        raise ValueError("fields must be in two dimensions to be drawn, got three; draw a layer of .point_gd by hand")
+    value = getattr(found, f"{of}_g").reshape(found.shape)
+    place = found.point_gd.reshape(*found.shape, 2)
+    # the cell once around, so that its edges meet
+    along = [np.take(place, -1, axis=a) * 2.0 - np.take(place, -2, axis=a) for a in (0, 1)]
+    shown = ax.pcolormesh(*np.moveaxis(_closed(place, along), -1, 0), np.pad(value, (0, 1), mode="wrap"), shading="gouraud")
+    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label=f"{of} {_FIELDS[of]}")
+    ax.set(aspect="equal", title=f"averaged with a width of {found.width:.3g}")
+    ax.set_axis_off()
+
+
 @_draws(ForceDistribution)
 def _draw_forces(found: ForceDistribution, ax: Any, *, log: bool = True, label: str = "") -> None:
     """Draw the density of forces over their mean."""
