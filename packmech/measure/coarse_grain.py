@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
+from packmech.calls.display import shown
+from packmech.calls.honors import STRAINED, honors
+from packmech.calls.status import shown_as
 from packmech.check import brief, finite_array, instance, integer, positive
 from packmech.jit.compiled import kernel
 from packmech.measure.contact_forces import ContactForces, resting_forces
-from packmech.public.display import shown
-from packmech.public.honors import STRAINED, honors
-from packmech.public.status import shown_as
 from packmech.scene import Scene
 
 # the Gaussian is cut where it has fallen to 6e-13 of its height [width]

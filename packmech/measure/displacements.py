@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import finite_array, instance, one_of
 from packmech.contacts.surroundings import RULES, Neighbors, find_neighbors
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.honors import honors
-from packmech.public.status import shown_as
 
 # neighbors that are nearer than this are compared, as Falk and Langer did [mean diameter]
 _NEAR = 2.5

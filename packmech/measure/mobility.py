@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import j0
 
+from packmech.calls.display import shown
+from packmech.calls.status import shown_as
 from packmech.check import brief, finite_array, instance, integer, positive
 from packmech.measure.displacements import displacements
 from packmech.packing import Packing
-from packmech.public.display import shown
-from packmech.public.status import shown_as
 
 # lags where none are asked for: about so many, nearly evenly spaced in their logarithm, up to half of the frames
 _LAGS = 30

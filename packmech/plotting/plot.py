@@ -17,8 +17,11 @@ from packmech.ensemble.shear_series import ShearCurve, ShearSeries
 from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit
 from packmech.jamming.play import PlayedMotion
 from packmech.jamming.verdict import UnjammingMotion, Verdict
+from packmech.measure.coarse_grain import CoarseFields
 from packmech.measure.contact_forces import ContactForces, rattlers_in
 from packmech.measure.contact_statistics import ContactStatistics, ForceDistribution
+from packmech.measure.displacements import Displacements, LocalStrain
+from packmech.measure.mobility import MeanSquareDisplacement, SelfScattering
 from packmech.measure.rattlers import find_rattlers
 from packmech.measure.scattering import ShellAverage
 from packmech.measure.structure import Correlation, PairDistribution
@@ -57,12 +60,14 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     Parameters
     ----------
     thing
-        What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its contact
-        forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does. A motion, modes:
-        arrows on `packing=`; modes without it: their spectrum. Moduli: the matrix. Else a curve: a density of states,
-        pair distribution, shell average, correlation, stress-strain curve or loop, flow curve, moduli against amplitude
-        or frequency, creep, cementing, shear families, distribution of forces, numbers of contacts, statistics of an
-        ensemble (`fit=` draws a power law), work and precision, or a trace (`of=` names what).
+        What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its
+        contact forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does. A
+        motion, modes: arrows on `packing=`; modes without it: their spectrum. Displacements and local strains:
+        arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane (`of=`). Moduli: the matrix.
+        Else a curve: a density of states, pair distribution, shell average, correlation, stress-strain curve or
+        loop, flow curve, moduli against amplitude or frequency, creep, mean square displacement,
+        self-intermediate scattering, cementing, shear families, distribution of forces, numbers of contacts,
+        statistics of an ensemble (`fit=` draws a power law), work and precision, or a trace (`of=` names what).
     ax
         Axes of matplotlib to draw on; new ones unless given.
     options
@@ -125,7 +130,7 @@ def _figure_of(thing: Any) -> tuple[Callable[..., None], tuple[float, float]]:
 
 
 # what is seen on a packing that is not at hand, or needs more room
-_WITHOUT_PICTURE = (Modes, Moduli, Verdict, UnjammingMotion, Trace)
+_WITHOUT_PICTURE = (Modes, Moduli, Verdict, UnjammingMotion, Trace, Displacements, LocalStrain)
 
 
 def picture_of(thing: Any) -> str:
@@ -531,13 +536,14 @@ _FIELDS = {"pressure": _UNIT, "density": "[mass/length$^d$]"}
 def _draw_fields(found: CoarseFields, ax: Any, *, of: str = "pressure") -> None:
     """Draw a field in the plane, of one cell."""
     one_of("of", of, tuple(_FIELDS))
-    if len(found.shape) != 2:
-        raise ValueError("fields must be in two dimensions to be drawn, got three; draw a layer of .point_gd by hand")
+    if len(found.shape) != 2 or min(found.shape) < 2:
+        raise ValueError(f"fields must be on points of a plane to be drawn, got {' x '.join(map(str, found.shape))}")
     value = getattr(found, f"{of}_g").reshape(found.shape)
     place = found.point_gd.reshape(*found.shape, 2)
-    # the cell once around, so that its edges meet
-    along = [np.take(place, -1, axis=a) * 2.0 - np.take(place, -2, axis=a) for a in (0, 1)]
-    shown = ax.pcolormesh(*np.moveaxis(_closed(place, along), -1, 0), np.pad(value, (0, 1), mode="wrap"), shading="gouraud")
+    # one row and one column more, so that the edges of the cell meet
+    i, j = np.meshgrid(*(np.arange(n + 1) for n in found.shape), indexing="ij")
+    x, y = (i * place[1, 0, a] + j * place[0, 1, a] for a in (0, 1))
+    shown = ax.pcolormesh(x, y, np.pad(value, (0, 1), mode="wrap"), shading="gouraud")
     ax.figure.colorbar(shown, ax=ax, shrink=0.75, label=f"{of} {_FIELDS[of]}")
     ax.set(aspect="equal", title=f"averaged with a width of {found.width:.3g}")
     ax.set_axis_off()
