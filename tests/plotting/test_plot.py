@@ -49,6 +49,13 @@ def correlation(packing):
     return pm.correlation_function(packing, pm.bond_orientational_order(packing, 6).component_nm[:, 0])
 
 
+def path(steps=20):
+    """Return packings of which every next one is moved at random."""
+    rng, start = np.random.default_rng(2), jammed().packing
+    moved = np.cumsum(0.02 * rng.standard_normal((steps, *start.position_nd.shape)), axis=0)
+    return [start.replace(position_nd=start.position_nd + one) for one in moved]
+
+
 # what is drawn, how often its curve has a name, and a word that its x axis has
 CURVES = {
     "density of states": (lambda: pm.density_of_states(jammed(), 8), "1/time"),
@@ -65,6 +72,8 @@ CURVES = {
         lambda: pm.steady_shear(damped(), rates=[0.1, 0.2], applied_strain=0.5, skip_strain=0.1, check=False),
         "1/time",
     ),
+    "mean square displacement": (lambda: pm.mean_square_displacement(path()), "time"),
+    "self-intermediate scattering": (lambda: pm.self_scattering(path(), 6.0), "time"),
     "trace": (lambda: pm.simulate(damped(), duration=5.0, trace_every=5).trace, "time"),
 }
 OTHERS = {
@@ -181,6 +190,27 @@ def test_modes_and_motions_are_arrows_on_their_packing():
     ):
         assert any(type(one).__name__ == "Quiver" for one in ax.collections)
         assert ax.get_title() and rendered(ax)
+
+
+def test_displacements_local_strains_and_fields_are_drawn_on_their_packing():
+    before, after = path(2)
+    moved, local = pm.displacements(before, after), pm.local_strain(before, after)
+    ax = pm.plot(moved, packing=before)
+    assert any(type(one).__name__ == "Quiver" for one in ax.collections) and rendered(ax)
+    assert rendered(pm.plot(local, packing=jammed()))
+    with pytest.raises(TypeError, match="packing must be the packing of this local strain"):
+        pm.plot(local)
+    fields = pm.coarse_grain(jammed(), 0.5)
+    for of in ("pressure", "density"):
+        ax = pm.plot(fields, of=of)
+        mesh = ax.collections[0]
+        # the field once, and its first row and column again
+        assert mesh.get_array().size == (fields.shape[0] + 1) * (fields.shape[1] + 1)
+        assert mesh.get_array().max() == getattr(fields, f"{of}_g").max() and rendered(ax)
+    with pytest.raises(ValueError, match="of must be"):
+        pm.plot(fields, of="stress")
+    with pytest.raises(ValueError, match="fields must be on points of a plane"):
+        pm.plot(pm.coarse_grain(pm.Scene(pm.lattice_packing("fcc"), (pm.Repulsion(),)), 1.0))
 
 
 def test_what_has_no_figure_and_what_is_no_option_are_refused_by_name():
