@@ -24,6 +24,7 @@ _ORDER = (
     "friction",
     "shapes",
     "structure",
+    "motion",
     "shear",
     "environments",
     "ensembles",
