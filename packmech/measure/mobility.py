@@ -19,8 +19,8 @@ from packmech.packing import Packing
 
 # lags where none are asked for: about so many, nearly evenly spaced in their logarithm, up to half of the frames
 _LAGS = 30
-# times of frames differ from even ones by rounding, relative to their distance [1]
-_EVEN = 1e-6
+# frames of runs are taken at whole steps: their distances in time may differ by this part [1]
+_EVEN = 0.1
 
 
 class Frames(NamedTuple):
@@ -87,6 +87,11 @@ def _lags(lags: ArrayLike | None, frames: int) -> NDArray[np.int64]:
     if given.ndim > 1 or not len(given):
         raise ValueError(f"lags must be numbers of frames, one at least, got {brief(lags)}")
     return np.array([integer("lags", one, at_least=1, at_most=frames - 1) for one in given.tolist()], dtype=np.int64)
+
+
+def _time_apart(frames: Frames, number_l: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the (L,) mean times between frames that are so many apart."""
+    return np.array([float((frames.time_t[lag:] - frames.time_t[:-lag]).mean()) for lag in number_l])
 
 
 def _moved(frames: Frames, lag: int, chosen: Any, remove_drift: bool) -> NDArray[np.float64]:
@@ -204,7 +209,7 @@ def mean_square_displacement(
         broad = d * float((square**2).mean()) / ((d + 2.0) * mean**2) - 1.0 if mean > 0.0 else math.nan
         rows.append((mean, error, broad))
     msd, error_l, broad_l = np.array(rows).T
-    time = np.asarray(number * float(np.diff(known.time_t).mean()))
+    time = _time_apart(known, number)
     return MeanSquareDisplacement(time, msd, error_l, broad_l, len(known.time_t) - number, d)
 
 
@@ -295,5 +300,5 @@ def self_scattering(
         error = float(each.std(ddof=1)) / math.sqrt(len(each)) if len(each) > 1 else math.nan
         rows.append((float(each.mean()), error))
     f, error_l = np.array(rows).T
-    time = np.asarray(number * float(np.diff(known.time_t).mean()))
+    time = _time_apart(known, number)
     return SelfScattering(time, f, error_l, k)
