@@ -151,6 +151,7 @@ RESTING = {
     "wall_contacts": lambda scene: pm.wall_contacts(scene).force_w,
     "force_distribution": lambda scene: [pm.force_distribution(scene).mean],
     "force_chains": lambda scene: pm.force_chains(scene).stress_n,
+    "coarse_grain": lambda scene: pm.coarse_grain(scene, 1.0).contact_stress_gdd,
     "cyclic_shear": lambda scene: pm.cyclic_shear(scene, 1e-4, step=1e-4)[0].packing.position_nd,
     "tap": lambda scene: pm.tap(scene, 1e-2, seed=1, pressure=1e-3, check=False)[0].packing.position_nd,
     "anneal_shape": lambda scene: pm.anneal_shape(scene, [1.1], seed=1, check=False)[0].packing.position_nd,
@@ -190,7 +191,7 @@ def test_every_public_call_of_a_scene_or_a_packing_is_declared():
         value = getattr(pm, name)
         if inspect.isfunction(value):
             names = list(inspect.signature(value).parameters)
-            if names and (names[0] in ("packing", "source", "subject", "scenes") or "scene" in names):
+            if names and (names[0] in ("packing", "source", "subject", "scenes", "before") or "scene" in names):
                 first[name] = names[0]
     assert set(first) - NO_MECHANICS <= set(CALLS)
     assert set(CALLS) - set(first) <= {"QuenchBatch", "ShearBatch"}
@@ -365,7 +366,7 @@ def test_bonds_that_break_are_refused_where_none_would_and_change_what_honors_th
     weak = replace(lasting, breaks_at=pm.BondLimits(stretch=1e-6, squeeze=1e-6))
     scene = pm.Scene(small(), (pm.Repulsion(), weak))
     whole = scene.replace(effects=(pm.Repulsion(), weak.unbreakable()))
-    now = {"energy", "forces", "torques", "stress_tensor", "pressure", "link_tension"}
+    now = {"energy", "forces", "torques", "stress_tensor", "pressure", "link_tension", "coarse_grain"}
     in_time = {"simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "amplitude_sweep"}
     assert {name for name in CALLS if CALLS[name].answer("breaking") == HONORED} == now | in_time
     for name in CALLS:
@@ -400,7 +401,8 @@ def test_effects_on_single_particles_change_every_call_at_rest_that_honors_them(
     honoring = [name for name in IN_A_FIXED_BOX if CALLS[name].answer(column) == HONORED and name != "link_tension"]
     assert {"energy", "forces", "hessian", "normal_modes", "quench"} <= set(honoring)
     # contacts between particles have no part in what single ones are pushed by, weights no curvature, held no energy
-    unchanged = {"stress_tensor", "pressure", "contact_forces", "torques", "force_distribution", "force_chains"} | {
+    unchanged = {"stress_tensor", "pressure", "contact_forces", "torques", "force_distribution", "force_chains"}
+    unchanged |= {"coarse_grain"} | {
         "gravity": {"hessian", "dynamical_matrix", "perturbation_energy", "wall_contacts"},
         "walls": set(),
         "held": {"energy", "wall_contacts"},
