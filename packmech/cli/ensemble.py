@@ -180,7 +180,7 @@ def plot(
     log: Switch = False,
     fit: Switch = False,
 ) -> int:
-    """Draw a result's spread and its statistic over a parameter, and print its values.
+    """Draw a result's spread and its statistic over a parameter, and print its values; of several, a picture each.
 
     Parameters
     ----------
@@ -405,6 +405,10 @@ def _plot(
     names = _results(found, of)
     if not names:
         raise ValueError(f"of must name a result of numbers, got none among {', '.join(found.results) or 'no results'}")
+    if of and len(of) > 1:
+        for one in of:
+            _plot(found, path.with_stem(f"{path.stem}_{one}"), [one], over, statistic, log, fit)
+        return OK
     name, law = names[0], None
     if fit:
         varied = varied_parameters(found)

@@ -45,6 +45,7 @@ from packmech.effects import (
 )
 from packmech.effects.single import places_in_cell
 from packmech.jit.blas import single_thread
+from packmech.measure.contact_forces import rattlers_in
 from packmech.measure.friction import tangential_forces
 from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.network import network_among
@@ -56,6 +57,8 @@ from packmech.scene import Scene
 MODES = ("shear", "uniaxial", "isotropic")
 # largest net force over the mean force at which a scene counts as being at rest
 _REST = 1e-6
+# part of the mean contact force below which a contact of a rattler bears nothing
+_NOTHING = 1e-9
 
 
 @shown()
@@ -169,6 +172,16 @@ class _ViscoelasticResponse:
         return np.asarray(total.reshape(d, d) + self.elastic.slope_nq[:, :d].T @ answer_nq[:, :d])
 
 
+def _bearing(scene: Scene, found: Contacts | ShapeContacts) -> Contacts | ShapeContacts:
+    """Return the contacts without those of rattlers that bear nothing: the first motion opens them."""
+    force = np.abs(closed_terms(scene, found).first_c)
+    loose = force <= _NOTHING * (float(force.mean()) if len(force) else 0.0)
+    if not loose.any():
+        return found
+    rattling = rattlers_in(scene)
+    return found.select(~(loose & (rattling[found.i_c] | rattling[found.j_c])))
+
+
 def _touching(scene: Scene, found: Contacts | ShapeContacts) -> tuple[Elements, Elements]:
     """Return the springs and the dashpots of contacts, those across them among these where there is friction."""
     terms, friction = closed_terms(scene, found), friction_or_zero(scene.effects)
@@ -212,10 +225,11 @@ def complex_modulus(
 
     What `oscillatory_shear` tends to for small amplitudes and time steps, solved in the frequency domain: normal and
     tangential springs and dashpots of contacts and bonds with the forces that they carry at rest, inertia of particles
-    and of their rotations, and background damping. Contacts with friction stick, those at the Coulomb limit too; their
-    tangential springs are stretched as `Packing.tangential` says, those of bonds are slack. Weights, and potentials of
-    single particles, act as they do at rest, and on places that do not move with the box: of a pile held_n names the
-    particles that bear it. Ellipses, spheroids and rigid bodies turn as their contacts make them.
+    and of their rotations, and background damping. Rattlers that bear nothing move by themselves, though they may
+    touch. Contacts with friction stick, those at the Coulomb limit too; their tangential springs are stretched as
+    `Packing.tangential` says, those of bonds are slack. Weights, and potentials of single particles, act as they do at
+    rest, and on places that do not move with the box: of a pile held_n names the particles that bear it. Ellipses,
+    spheroids and rigid bodies turn as their contacts make them.
 
     Parameters
     ----------
@@ -255,6 +269,7 @@ def complex_modulus(
     refuse_unknown_to_shapes(scene)
     refuse_tangential_bonds(scene.effects, packing.shapes)
     contacts = acting_contacts(touching_pairs(packing, None, second=True), scene.effects)
+    contacts = _bearing(scene, contacts)
     # bonds of other shapes than discs and spheres turn none
     rough = friction_of(scene.effects) or (not packing.shapes.has_orientations and bonds_of(scene.effects))
     turn = packing.spin_nkk if rough else packing.turn_nkt

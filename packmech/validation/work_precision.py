@@ -88,6 +88,8 @@ class WorkPrecision:
     def cheapest(self, *, error_below: float | Mapping[str, float], quantity: str | None = None) -> Trial | None:
         """Return the quickest trial that did not fail and whose errors are below the bound; None when there is none.
 
+        The next finer setting of its method must be below the bound as well: an error may be small by chance.
+
         Parameters
         ----------
         error_below
@@ -105,11 +107,14 @@ class WorkPrecision:
         for name, bound in bounds.items():
             if not bound > 0.0:
                 raise ValueError(f"error_below must be positive, got {bound} for {name!r}")
-        good = [
-            trial
-            for trial in self.trials
-            if not trial.failed and all(trial.errors.get(name, math.inf) < bound for name, bound in bounds.items())
-        ]
+        good = []
+        for method in self.methods:
+            finer = True
+            for trial in reversed(self.of(method)):
+                below = all(trial.errors.get(name, math.inf) < bound for name, bound in bounds.items())
+                if below and finer and not trial.failed:
+                    good.append(trial)
+                finer = below and not trial.failed
         return min(good, key=lambda trial: trial.seconds, default=None)
 
     def to_csv(self) -> str:

@@ -286,3 +286,24 @@ def test_bonds_of_ellipses_act_on_their_centers(ellipses):
     one, other = (pm.complex_modulus(scene, FREQUENCY) for scene in scenes)
     assert np.allclose(one.displacement_fnd, other.displacement_fnd, rtol=0.0, atol=1e-10)
     assert np.allclose(one.contact_stress_fdd, other.contact_stress_fdd, rtol=0.0, atol=1e-10)
+
+
+def test_a_rattler_that_touches_and_bears_nothing_hangs_on_nothing():
+    start = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.9, seed=1)
+    whole = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-4, strain="isotropic").packing
+    rattlers = np.flatnonzero(pm.find_rattlers(whole))
+    assert len(rattlers)
+    one = int(rattlers[0])
+    # a rattler anywhere in its cage, and the same one pushed against its nearest neighbor until both just touch
+    near = pm.find_contacts(whole, gap_tolerance=1.0)
+    own = near.select((near.i_c == one) | (near.j_c == one))
+    k = int(np.argmin(own.distance_c - own.contact_distance_c))
+    toward = own.normal_cd[k] if own.i_c[k] == one else -own.normal_cd[k]
+    places = []
+    for gap in (1e-15, 1e-3):
+        position = whole.position_nd.copy()
+        position[one] += toward * (own.distance_c[k] - own.contact_distance_c[k] - gap)
+        places.append(whole.replace(position_nd=position))
+    effects = (pm.Repulsion(), pm.BackgroundDamping(0.05), pm.ContactDamping(0.3))
+    touching, apart = (pm.complex_modulus(pm.Scene(one, effects), [0.001, 0.02]).modulus_f for one in places)
+    assert np.abs(touching - apart).max() < 1e-9 * np.abs(apart).max()

@@ -243,5 +243,8 @@ def test_one_bound_is_for_all_quantities_and_bounds_by_name_for_those_named():
         table.cheapest(error_below={"pressure": 1e-3})
     with pytest.raises(ValueError, match="error_below must be positive, got 0.0 for 'stress'"):
         table.cheapest(error_below={"stress": 0.0})
+    lucky = trial(1.0, 0.1, energy=1e-6, stress=1e-6)
+    assert pm.WorkPrecision((lucky, *trials), {"only": 0.0}).cheapest(error_below=1e-4).seconds == 2.0
+    assert pm.WorkPrecision((lucky, *trials), {"only": 0.0}).cheapest(error_below=0.1).seconds == 0.1
     ax = pm.plot(table)
     assert [one.get_text() for one in ax.get_legend().get_texts()] == ["only, error in energy", "only, error in stress"]
