@@ -171,6 +171,28 @@ class Box:
         box, change = self._reduction
         return self if box is None else box, change.copy()
 
+    def nearest_images(self, vector_pd: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the (P, d) images that make vectors [length] shortest: vector + lattice @ image.
+
+        Rounding the fractions of a vector finds its nearest image in a cell of right angles alone.
+
+        Examples
+        --------
+        >>> box = Box([[1.0, 0.4], [0.0, 1.0]])
+        >>> box.nearest_images(np.array([[0.6, 0.45]])).tolist()  # fractions .42 and .45 are less than a half
+        [[0, -1]]
+
+        """
+        short, change = self.reduced()
+        image = -np.rint(vector_pd @ short.inverse_dd.T)
+        moved = vector_pd + image @ short.lattice_dd.T
+        # what is shorter than half of the least height is nearest; of other images those around are looked at
+        far = np.flatnonzero((moved**2).sum(axis=1) > (0.5 * short.height_d.min()) ** 2)
+        step = np.indices((3,) * self.dimension).reshape(self.dimension, -1).T - 1
+        length2 = ((moved[far, None] + step @ short.lattice_dd.T) ** 2).sum(axis=2)
+        image[far] += step[length2.argmin(axis=1)]
+        return np.asarray(image @ change.T).astype(np.int64)
+
 
 def _fraction(position_nd: NDArray[np.float64], inverse_dd: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return positions in units of the lattice vectors; those too far away for any number are infinite or nan."""

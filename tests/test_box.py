@@ -116,6 +116,21 @@ def test_reduced_vectors_are_the_shortest_independent_ones(lattice):
     assert sorted(np.linalg.norm(reduced.lattice_dd, axis=0)) == pytest.approx(expected, rel=1e-9)
 
 
+@settings(max_examples=60, deadline=None)
+@given(lattices(tilt=5.0), st.integers(0, 2**32 - 1))
+def test_nearest_images_are_no_farther_than_any_other(lattice, seed):
+    box = pm.Box(lattice)
+    short, d = box.reduced()[0], box.dimension
+    vector = (np.random.default_rng(seed).random((20, d)) - 0.5) @ (3.0 * lattice.T)
+    found = vector + box.nearest_images(vector) @ lattice.T
+    # with reduced vectors the nearest image lies within two of a rounded one, even at the least height
+    around = np.array(list(itertools.product(range(-2, 3), repeat=d))) @ short.lattice_dd.T
+    rounded = vector - np.rint(vector @ short.inverse_dd.T) @ short.lattice_dd.T
+    least = np.linalg.norm(rounded[:, None] + around, axis=2).min(axis=1)
+    size = np.abs(lattice).max()
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), least, rtol=1e-9, atol=1e-12 * size)
+
+
 @given(lattices())
 def test_reducing_twice_changes_no_length(lattice):
     once = pm.Box(lattice).reduced()[0]

@@ -22,7 +22,6 @@ from packmech.files.columns import snapshot_of_particles
 from packmech.files.extended_xyz import EXTXYZ
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, SPHEROIDS, STEP, Format, Given, numeric
 from packmech.files.gsd_file import GSD, frame_of, hoomd_lattice, visible_of
-from packmech.files.lammps import nearest_images
 from packmech.files.packings import kept_of, snapshot_of, warn_of
 from packmech.files.snapshot import Snapshot
 from packmech.packing import Packing
@@ -411,7 +410,7 @@ def from_networkx(graph: Any, packing: Packing) -> Contacts:
     table = np.array(found, dtype=np.int64).reshape(-1, 2 + d)
     i_c, j_c, image_cd = table[:, 0], table[:, 1], table[:, 2:]
     vector = packing.position_nd[j_c[missing]] - packing.position_nd[i_c[missing]]
-    image_cd[missing] = nearest_images(packing.box, vector)
+    image_cd[missing] = packing.box.nearest_images(vector)
     order = np.lexsort((*image_cd.T[::-1], j_c, i_c))
     own = np.flatnonzero((i_c == j_c) & ~image_cd.any(axis=1))
     if len(own):

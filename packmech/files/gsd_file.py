@@ -450,7 +450,7 @@ def _seen_links(frame: Any, position_nd: NDArray[np.float64], box: Box) -> Links
     if not frame.constraints.N:
         return Links.none(box.dimension)
     i, j = np.asarray(frame.constraints.group, dtype=np.int64).reshape(-1, 2).T
-    image = -np.rint((position_nd[j] - position_nd[i]) @ box.inverse_dd.T).astype(np.int64)
+    image = box.nearest_images(position_nd[j] - position_nd[i])
     bonds = frame.bonds
     shapes: set[tuple[int, int]] = set()
     if bonds.N and "shape" in bonds.types:

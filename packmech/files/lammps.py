@@ -85,18 +85,6 @@ _MIRRORED = "last lattice vector reversed"
 _ROUND = 4.0 * float(np.finfo(float).eps)
 
 
-def nearest_images(box: Box, vector_pd: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the (P, d) images that make vectors shortest: vector + lattice @ image."""
-    short, change = box.reduced()
-    d = box.dimension
-    first = -np.rint(vector_pd @ short.inverse_dd.T)
-    step = np.indices((3,) * d).reshape(d, -1).T - 1
-    tried = first[:, None] + step
-    length2 = ((vector_pd[:, None] + tried @ short.lattice_dd.T) ** 2).sum(axis=2)
-    best = tried[np.arange(len(first)), length2.argmin(axis=1)]
-    return np.asarray(best @ change.T).astype(np.int64)
-
-
 # -- boxes -------------------------------------------------------------------------------------------------------------
 
 
@@ -160,7 +148,7 @@ class _Pairs:
     def near(self, packing: Packing) -> NDArray[np.bool_]:
         """Return which of them are of the nearest image, and of two particles."""
         vector = packing.position_nd[self.j_b] - packing.position_nd[self.i_b]
-        nearest = nearest_images(packing.box, vector)
+        nearest = packing.box.nearest_images(vector)
         return np.asarray((nearest == self.image_bd).all(axis=1) & (self.i_b != self.j_b))
 
 
@@ -478,7 +466,7 @@ def _with_bonds(snapshot: Snapshot, data: _Data, number: NDArray[np.int64]) -> t
     for (what, stiff), found in pairs.items():
         i, j = np.array([one[:2] for one in found], dtype=np.int64).T
         length = np.array([one[2] for one in found])
-        image = nearest_images(packing.box, packing.position_nd[j] - packing.position_nd[i])
+        image = packing.box.nearest_images(packing.position_nd[j] - packing.position_nd[i])
         if what.startswith("link"):
             links.append((i, j, image, length, np.full(len(i), what == "link shape")))
         else:

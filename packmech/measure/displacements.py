@@ -82,8 +82,8 @@ def displacements(before: Packing, after: Packing, *, deformation_dd: ArrayLike 
     Parameters
     ----------
     before, after
-        Packings of the same particles. Beyond the strain of the box none may have moved farther than half of it: of
-        packings that are farther apart, compare those between.
+        Packings of the same particles. Beyond the strain of the box none may have moved farther than half of its
+        shortest lattice vector: of packings that are farther apart, compare those between.
     deformation_dd
         (d, d) strain of the box, 1 + the gradient of displacements; it takes the first box to the second, or to another
         choice of its lattice vectors. None: it takes lattice vectors to lattice vectors.
@@ -110,8 +110,7 @@ def displacements(before: Packing, after: Packing, *, deformation_dd: ArrayLike 
     else:
         deformation = finite_array("deformation_dd", deformation_dd, shape=(d, d))
     apart = after.position_nd - before.position_nd @ deformation.T
-    fraction = apart @ after.box.inverse_dd.T
-    nonaffine = (fraction - np.rint(fraction)) @ after.box.lattice_dd.T
+    nonaffine = apart + after.box.nearest_images(apart) @ after.box.lattice_dd.T
     affine = before.position_nd @ (deformation - np.eye(d)).T
     return Displacements(deformation, nonaffine, affine + nonaffine)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,6 +15,7 @@ from packmech.calls.display import shown
 from packmech.calls.status import shown_as
 from packmech.check import brief, finite_array, instance, integer, positive
 from packmech.measure.displacements import displacements
+from packmech.measure.signals import mean_with_error
 from packmech.packing import Packing
 
 # lags where none are asked for: about so many, nearly evenly spaced in their logarithm, up to half of the frames
@@ -89,19 +90,6 @@ def _lags(lags: ArrayLike | None, frames: int) -> NDArray[np.int64]:
     return np.array([integer("lags", one, at_least=1, at_most=frames - 1) for one in given.tolist()], dtype=np.int64)
 
 
-def _time_apart(frames: Frames, number_l: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the (L,) mean times between frames that are so many apart."""
-    return np.array([float((frames.time_t[lag:] - frames.time_t[:-lag]).mean()) for lag in number_l])
-
-
-def _moved(frames: Frames, lag: int, chosen: Any, remove_drift: bool) -> NDArray[np.float64]:
-    """Return the (T', N', d) displacements beyond the strain of the box over a lag, in the box at their ends."""
-    step = frames.fraction_tnd[lag:] - frames.fraction_tnd[:-lag]
-    if remove_drift:
-        step = step - step.mean(axis=1, keepdims=True)
-    return np.asarray(np.einsum("tij,tnj->tni", frames.lattice_tdd[lag:], step[:, chosen]))
-
-
 def _chosen(particles: ArrayLike | None, count: int) -> NDArray[np.int64]:
     """Return the numbers of the particles that are meant, from a mask or numbers."""
     numbers = np.arange(count)
@@ -115,6 +103,38 @@ def _chosen(particles: ArrayLike | None, count: int) -> NDArray[np.int64]:
             f"particles must be numbers below {count} or a mask of {count}, of one at least, got {brief(particles)}"
         )
     return np.asarray(numbers[given])
+
+
+class _Lags(NamedTuple):
+    """Frames, the particles that are meant, the numbers of frames between those compared, and whether drift goes."""
+
+    frames: Frames
+    chosen_n: NDArray[np.int64]
+    number_l: NDArray[np.int64]
+    remove_drift: bool
+
+    @property
+    def time_l(self) -> NDArray[np.float64]:
+        """The (L,) mean times between the frames that are compared."""
+        time = self.frames.time_t
+        return np.array([float((time[lag:] - time[:-lag]).mean()) for lag in self.number_l])
+
+    def moved(self) -> Iterator[NDArray[np.float64]]:
+        """Yield for each lag the (T', N', d) displacements beyond the strain of the box, in the box at their ends."""
+        _, fraction, lattice = self.frames
+        for lag in self.number_l:
+            step = fraction[lag:] - fraction[:-lag]
+            if self.remove_drift:
+                step = step - step.mean(axis=1, keepdims=True)
+            yield np.asarray(np.einsum("tij,tnj->tni", lattice[lag:], step[:, self.chosen_n]))
+
+
+def _lags_of(frames: Any, time_t: Any, lags: Any, particles: Any, remove_drift: bool) -> _Lags:
+    """Return what is compared, checked."""
+    instance("remove_drift", remove_drift, bool)
+    known = frames_of(frames, time_t)
+    count, particles_in_all, _ = known.fraction_tnd.shape
+    return _Lags(known, _chosen(particles, particles_in_all), _lags(lags, count), remove_drift)
 
 
 @shown()
@@ -196,21 +216,16 @@ def mean_square_displacement(
     ([0.09, 9.0, 81.0], [39, 30, 10])
 
     """
-    instance("remove_drift", remove_drift, bool)
-    known = frames_of(frames, time_t)
-    chosen = _chosen(particles, known.fraction_tnd.shape[1])
-    number = _lags(lags, len(known.time_t))
-    d = known.fraction_tnd.shape[2]
+    compared = _lags_of(frames, time_t, lags, particles, remove_drift)
+    count, _, d = compared.frames.fraction_tnd.shape
     rows = []
-    for lag in number:
-        square = (_moved(known, int(lag), chosen, remove_drift) ** 2).sum(axis=2)
-        mean, each = float(square.mean()), square.mean(axis=0)
-        error = float(each.std(ddof=1)) / math.sqrt(len(each)) if len(each) > 1 else math.nan
+    for moved in compared.moved():
+        square = (moved**2).sum(axis=2)
+        mean, error = mean_with_error(square.mean(axis=0))
         broad = d * float((square**2).mean()) / ((d + 2.0) * mean**2) - 1.0 if mean > 0.0 else math.nan
         rows.append((mean, error, broad))
     msd, error_l, broad_l = np.array(rows).T
-    time = _time_apart(known, number)
-    return MeanSquareDisplacement(time, msd, error_l, broad_l, len(known.time_t) - number, d)
+    return MeanSquareDisplacement(compared.time_l, msd, error_l, broad_l, count - compared.number_l, d)
 
 
 @shown()
@@ -289,16 +304,11 @@ def self_scattering(
 
     """
     k = positive("wave_number", wave_number)
-    instance("remove_drift", remove_drift, bool)
-    known = frames_of(frames, time_t)
-    chosen = _chosen(particles, known.fraction_tnd.shape[1])
-    number = _lags(lags, len(known.time_t))
+    compared = _lags_of(frames, time_t, lags, particles, remove_drift)
     rows = []
-    for lag in number:
-        phase = k * np.sqrt((_moved(known, int(lag), chosen, remove_drift) ** 2).sum(axis=2))
-        each = (j0(phase) if known.fraction_tnd.shape[2] == 2 else np.sinc(phase / np.pi)).mean(axis=0)
-        error = float(each.std(ddof=1)) / math.sqrt(len(each)) if len(each) > 1 else math.nan
-        rows.append((float(each.mean()), error))
+    for moved in compared.moved():
+        phase = k * np.sqrt((moved**2).sum(axis=2))
+        wave = j0(phase) if moved.shape[2] == 2 else np.sinc(phase / np.pi)
+        rows.append(mean_with_error(wave.mean(axis=0)))
     f, error_l = np.array(rows).T
-    time = _time_apart(known, number)
-    return SelfScattering(time, f, error_l, k)
+    return SelfScattering(compared.time_l, f, error_l, k)

@@ -27,6 +27,8 @@ def test_the_actions_say_what_came_of_members(tmp_path, job, capsys):
     # every value is the scale times a number, so means are its first power
     assert "x^(1.0000 +- " in capsys.readouterr().out
     assert picture.stat().st_size > 10_000
+    assert execute(["ensemble", "plot", *words, "--out", str(picture), "--of", "square", "seconds"]) == OK
+    assert (tmp_path / "plot_square.png").exists() and (tmp_path / "plot_seconds.png").exists()
 
 
 def test_failures_are_listed_and_make_the_exit_code(tmp_path, job, capsys):

@@ -62,6 +62,14 @@ def test_another_choice_of_lattice_vectors_needs_the_strain_that_was_meant():
     np.testing.assert_allclose(found.nonaffine_nd, step, atol=1e-13)
 
 
+def test_images_are_the_nearest_of_a_cell_that_is_tilted():
+    # fractions .42 and .45 round to none, but the second lattice vector less is nearer
+    box = pm.Box([[4.0, 1.6], [0.0, 4.0]])
+    one = pm.Packing([[0.0, 0.0]], [0.5], box)
+    moved = one.replace(position_nd=[[2.4, 1.8]])
+    np.testing.assert_allclose(pm.displacements(one, moved).nonaffine_nd, [[0.8, -2.2]], rtol=1e-14)
+
+
 def test_the_part_that_moves_is_one_particle_or_all():
     box = pm.Box.cubic(10.0, 2)
     start = pm.Packing(np.random.default_rng(4).random((50, 2)) * 10.0, np.full(50, 0.3), box)

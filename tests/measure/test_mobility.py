@@ -55,10 +55,9 @@ def test_mean_squares_are_those_of_a_plain_loop_in_a_box_that_shears(dimension):
 def test_a_random_walk_diffuses_and_is_gaussian():
     packings, _ = walk(400, 2, 2, particles=200, size=0.05)
     found = pm.mean_square_displacement(packings, lags=[1, 10, 100])
-    # each step has the mean square d size^2
-    errors = np.abs(found.msd_l / (2.0 * 0.05**2 * found.time_l) - 1.0) / (found.error_l / found.msd_l)
-    assert errors.max() < 4.0
-    np.testing.assert_allclose(found.diffusion_l, 0.5 * 0.05**2, rtol=0.1)
+    # each step has the mean square d size^2, so that it diffuses with size^2 / 2, to the errors that are told
+    error_l = found.error_l / (4.0 * found.time_l)
+    assert (np.abs(found.diffusion_l - 0.5 * 0.05**2) < 4.0 * error_l).all()
     assert abs(found.non_gaussian_l[0]) < 0.02
     k = 4.0
     expected = np.exp(-(k**2) * 0.05**2 * found.time_l / 2.0)
@@ -81,7 +80,9 @@ def test_a_common_drift_is_taken_out_where_that_is_asked_for():
 def test_the_relaxation_time_is_that_of_an_exponential():
     time = np.geomspace(0.1, 100.0, 200)
     one = pm.SelfScattering(time, np.exp(-time / 7.0), np.zeros(200), 1.0)
-    assert one.relaxation_time == pytest.approx(7.0, rel=1e-3)
+    # in the logarithm of time its curvature vanishes there: lines between points a step h apart err by h^3 / 8 at most
+    h = np.log(1000.0) / 199.0
+    assert one.relaxation_time == pytest.approx(7.0, rel=h**3 / 8.0)
     assert pm.SelfScattering(time[:10], np.exp(-time[:10] / 7.0), np.zeros(10), 1.0).relaxation_time == np.inf
 
 

@@ -294,7 +294,7 @@ def test_a_rattler_that_touches_and_bears_nothing_hangs_on_nothing():
     rattlers = np.flatnonzero(pm.find_rattlers(whole))
     assert len(rattlers)
     one = int(rattlers[0])
-    # a rattler anywhere in its cage, and the same one pushed against its nearest neighbor until both just touch
+    # a rattler pushed against its nearest neighbor until both just touch, and a little less far
     near = pm.find_contacts(whole, gap_tolerance=1.0)
     own = near.select((near.i_c == one) | (near.j_c == one))
     k = int(np.argmin(own.distance_c - own.contact_distance_c))
