@@ -66,6 +66,9 @@ from packmech.scenes import run as run
 from packmech.effects import Repulsion as Repulsion
 from packmech.effects import Friction as Friction
 from packmech.effects import ContactDamping as ContactDamping
+from packmech.effects import Restitution as Restitution
+from packmech.effects import ViscoelasticDamping as ViscoelasticDamping
+from packmech.effects import TouchingPair as TouchingPair
 from packmech.effects import BackgroundDamping as BackgroundDamping
 from packmech.effects import Gravity as Gravity
 from packmech.effects import Walls as Walls
@@ -260,6 +263,8 @@ from packmech.measure.contact_statistics import ForceDistribution as ForceDistri
 
 # motion in time
 from packmech.dynamics.simulate import simulate as simulate
+from packmech.dynamics.restitution import coefficient_of_restitution as coefficient_of_restitution
+from packmech.dynamics.restitution import viscoelastic_time as viscoelastic_time
 from packmech.dynamics.simulation import Simulation as Simulation
 from packmech.dynamics.breaking import BrokenBonds as BrokenBonds
 from packmech.dynamics.simulate import resume as resume

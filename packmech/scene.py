@@ -19,6 +19,7 @@ from packmech.effects import (
     bonds_of,
     check_effect,
     check_law,
+    damps,
     energy_scale_of,
     is_bound,
     is_effect,
@@ -559,6 +560,10 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
             _check_numbers(f"{where}.{name}", value, slack=slack)
         elif name == "law":
             raise TypeError(f"{where}.law must be a law such as Harmonic(...), got {value!r}")
+        elif name == "damping" and is_effect(value):
+            if not damps(value) or hasattr(value, "pair_energy"):
+                raise TypeError(f"{where}.damping must be a number or a dashpot such as Restitution(), got {value!r}")
+            _check_numbers(f"{where}.damping", value)
         elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
         elif name in ("energy_scale", "stiffness") and value <= 0 and not (slack and value == 0):
@@ -589,7 +594,7 @@ def _check_bound(where: str, record: Any) -> None:
 
 def _plain(record: Any) -> Any:
     """Return the record with every number a float, so that one combination of effects compiles once."""
-    return type(record)(*(_plain(value) if is_law(value) else float(value) for value in record))
+    return type(record)(*(_plain(value) if isinstance(value, tuple) else float(value) for value in record))
 
 
 @shown(lambda one: repr(one.packing))

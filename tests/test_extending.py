@@ -41,7 +41,7 @@ class Sticky(NamedTuple):
     def pair_energy(self, distance, contact_distance):
         return -0.5 * self.strength * (contact_distance - distance) ** 2
 
-    def pair_first(self, distance, contact_distance, rate):
+    def pair_first(self, distance, contact_distance):
         return self.strength * (contact_distance - distance)
 
     def pair_second(self, distance, contact_distance):

@@ -82,7 +82,7 @@ def columns_of(effect: Any) -> tuple[str, ...]:
         found.append("friction")
     if hasattr(effect, "pair_energy"):
         found.append("repulsion")
-    elif hasattr(effect, "pair_first"):
+    if hasattr(effect, "pair_damping"):
         found.append("damping")
     if hasattr(effect, "interaction_energy"):
         found.append("interactions")

@@ -116,6 +116,35 @@ def _rate_of_discs(shapes, axes, body, pair, touch, u):
 
 
 @inlined
+def _inertia_of_discs(shapes, axes, weight_nk, pair, touch):
+    return _inverse(weight_nk[pair.i, 0] + weight_nk[pair.j, 0])
+
+
+@inlined
+def _inertia_of_spheroids(shapes, axes, weight_nk, pair, touch):
+    # slopes have no part along a director, about which the moment of inertia is another
+    i, j = pair.i, pair.j
+    slope = touch.x * touch.x + touch.y * touch.y + touch.z * touch.z
+    total = (weight_nk[i, 0] + weight_nk[j, 0]) * slope
+    total += weight_nk[i, 1] * (touch.ix * touch.ix + touch.iy * touch.iy + touch.iz * touch.iz)
+    return _inverse(total + weight_nk[j, 1] * (touch.jx * touch.jx + touch.jy * touch.jy + touch.jz * touch.jz))
+
+
+@inlined
+def _inertia_of_bodies(bodies, axes, weight_nk, pair, touch):
+    i, j = pair.i, pair.j
+    x, y, z = of_bodies.turned_by(bodies, axes, i, touch.ix, touch.iy, touch.iz)
+    total = weight_nk[i, 0] + weight_nk[j, 0] + weight_nk[i, 1] * (touch.ix * x + touch.iy * y + touch.iz * z)
+    x, y, z = of_bodies.turned_by(bodies, axes, j, touch.jx, touch.jy, touch.jz)
+    return _inverse(total + weight_nk[j, 1] * (touch.jx * x + touch.jy * y + touch.jz * z))
+
+
+@inlined
+def _inverse(total):
+    return 1.0 / total if total > 0.0 else 0.0
+
+
+@inlined
 def _slip_of_discs(shapes, axes, body, pair, k, touch, u):
     return slip_of_discs(axes, body, pair.i, pair.j, touch, u)
 
@@ -173,6 +202,8 @@ touches_of = by_shape(_one, _one, of_bodies.touches_of_bodies)
 touch_of_rows = by_shape(_touch_of_discs, of_spheroids.touch_of_spheroids, of_bodies.touch_of_bodies)
 # the rate of its distance, from the velocity u of the centers
 rate_of_touch = by_shape(_rate_of_discs, of_spheroids.rate_of_spheroids, of_bodies.rate_of_bodies)
+# the inertia of the rows against a change of its distance; 0 where nothing can move
+inertia_against = by_shape(_inertia_of_discs, _inertia_of_spheroids, _inertia_of_bodies)
 # the size of the slope of its distance along the vector between the centers, which makes a force of the derivative
 steepness = by_shape(_whole, of_spheroids.steepness, _whole)
 # how the rows slip there

@@ -10,6 +10,7 @@ from numba import literal_unroll, types
 
 from packmech.dynamics.by_shape import (
     contact_axes,
+    inertia_against,
     law_of_rows,
     place_of_spring,
     rate_of_touch,
@@ -32,7 +33,15 @@ from packmech.dynamics.friction import (
     torque_of,
 )
 from packmech.dynamics.stretches import inner_stretches
-from packmech.effects import is_interaction, pair_elastic, pair_energy, pair_first
+from packmech.effects import (
+    TouchingPair,
+    damps,
+    is_interaction,
+    pair_damping,
+    pair_energy,
+    pair_first,
+    pair_second,
+)
 from packmech.jit.compiled import compiled_form, inlined
 from packmech.minimize.passes.pair_list import NO_SLOT, Pair, is_near, visit, walk_pairs
 
@@ -43,8 +52,8 @@ _NO_SPRING = Across(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class ContactLaws(NamedTuple):
     """What acts at contacts, and what it depends on.
 
-    Effects on pairs, friction and shapes (None without), axes, rows, rates of the flow, the stretches of tangential
-    springs, and at which time they are taken: a `Pace` or `Now`.
+    Effects on pairs, friction and shapes (None without), axes, rows, inverse masses and moments of inertia of these,
+    rates of the flow, the stretches of tangential springs, and at which time they are taken: a `Pace` or `Now`.
     """
 
     effects: Any
@@ -52,6 +61,7 @@ class ContactLaws(NamedTuple):
     shapes: Any
     axes: Any
     body: Any
+    weight_nk: Any
     rates: Any
     stretch_pk: Any
     pace: Any
@@ -67,6 +77,7 @@ def laws_of(system, pace):
         acting.shapes,
         system.axes,
         system.state.body,
+        system.state.weight_nk,
         rates(system.space.flow),
         inner_stretches(system.track),
         pace,
@@ -106,6 +117,40 @@ def _choose_friction_at(friction: Any, laws: Any, pair: Any, k: Any, touch: Any,
     return _no_friction if isinstance(friction, types.NoneType) else _friction_of_touch
 
 
+def resistance_at(effects: Any, laws: Any, pair: Any, touch: Any, u: Any, elastic: Any) -> Any:
+    """Return the part of dashpots in the radial derivative of a touch; zero where a scene has none."""
+    raise NotImplementedError("contacts act in compiled loops")
+
+
+@inlined
+def _resistance_at(effects, laws, pair, touch, u, elastic):
+    rate = rate_of_touch(laws.shapes, laws.axes, laws.body, pair, touch, u)
+    mass = inertia_against(laws.shapes, laws.axes, laws.weight_nk, pair, touch)
+    energy, second = _law_of_touch(effects, touch)
+    known = TouchingPair(touch.rho, touch.sigma, rate, energy, elastic, second, mass)
+    coefficient = 0.0
+    for one in literal_unroll(effects):
+        coefficient += pair_damping(one, known)
+    return coefficient * rate
+
+
+@compiled_form(resistance_at, inline=True)
+def _choose_resistance_at(effects: Any, laws: Any, pair: Any, touch: Any, u: Any, elastic: Any) -> Any:
+    if any(damps(one) for one in effects):
+        return _resistance_at
+    return lambda effects, laws, pair, touch, u, elastic: 0.0
+
+
+@inlined
+def _law_of_touch(effects, touch):
+    energy = 0.0
+    second = 0.0
+    for one in literal_unroll(effects):
+        energy += pair_energy(one, touch.rho, touch.sigma)
+        second += pair_second(one, touch.rho, touch.sigma)
+    return energy, second
+
+
 @inlined
 def spring_of(laws, pair, k):
     """Return where the spring of the k-th touch of a pair stands."""
@@ -116,17 +161,15 @@ def spring_of(laws, pair, k):
 def pull_of_touch(laws, pair, k, touch):
     """Return what two rows do to each other where they touch for the k-th time: all forces at contacts are made here.
 
-    Effects give the derivative of the energy by the distance rho, dashpots included, whose slopes make forces and
-    torques of it; friction adds what acts across.
+    Effects give the derivative of the energy by the distance rho, and dashpots add to it; its slopes make forces and
+    torques of it. Friction adds what acts across.
     """
     effects = laws.effects
     u = relative(laws.rates, laws.axes, laws.body, pair.i, pair.j, pair.dx, pair.dy, pair.dz)
-    rate = rate_of_touch(laws.shapes, laws.axes, laws.body, pair, touch, u)
-    first = 0.0
     elastic = 0.0
     for one in literal_unroll(effects):
-        first += pair_first(one, touch.rho, touch.sigma, rate)
-        elastic += pair_elastic(one, touch.rho, touch.sigma)
+        elastic += pair_first(one, touch.rho, touch.sigma)
+    first = elastic + resistance_at(effects, laws, pair, touch, u, elastic)
     normal = abs(elastic) * steepness(laws.shapes, touch)
     across, on_i, on_j = friction_at(laws.friction, laws, pair, k, touch, u, normal)
     on_i, on_j = with_torques_of_slopes(laws.shapes, touch, first, on_i, on_j)

@@ -61,6 +61,7 @@ from packmech.effects import (
     Friction,
     Walls,
     bonds_of,
+    damps,
     friction_of,
     held_particles,
     held_velocity,
@@ -782,7 +783,9 @@ def build_engine(
             "scene.packing must have no rigid links where the box deforms: they are held in a box at rest only, got "
             f"{len(packing.links)} links"
         )
-    pairs = tuple(one for one in scene.effects if hasattr(type(one), "pair_first") or is_interaction(one))
+    pairs = tuple(
+        one for one in scene.effects if hasattr(type(one), "pair_energy") or damps(one) or is_interaction(one)
+    )
     bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
     friction, bonds = friction_of(scene.effects), bonds_of(scene.effects)
     shapes = packing.shapes

@@ -18,9 +18,9 @@ from packmech.effects import (
     interactions_of,
     is_bound,
     law_second,
-    pair_first,
-    pair_second,
+    pair_damping,
 )
+from packmech.effects.pair import at_overlap
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -131,7 +131,8 @@ def choose_time_step(scene: Scene, fraction: float) -> float:
 def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     """Return the largest stiffness k [energy/length^2], damping c [mass/time] and background drag [1/time] of a scene.
 
-    k is |d2u/dr2| of two particles of one size at an overlap of 0 or 0.1, c the damping of their approach; so for bonds
+    k is |d2u/dr2| of two particles of one size, of the smallest mass, at an overlap of 0 or 0.1, c the damping of their
+    slow approach; so for bonds
     at their rest lengths, and for walls, by half their stiffness: that of a particle and its mirror image. Of rigid
     bodies the beads touch, with their sizes. All count as often as `stiffening` says. Interactions beyond contact count
     by their largest curvature from an overlap of 0.1 on, along the pair, across it, and by turns in lengths.
@@ -141,12 +142,12 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     steep, turned = stiffening(packing)
     stiff, damped, drag = [_stiffness_beyond_contact(scene)], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
+    smallest = float(packing.mass_n.min())
     for sigma in sizes:
         for overlap in _OVERLAPS:
-            r = (1.0 - overlap) * sigma
-            stiff.append(steep * abs(sum(pair_second(one, r, sigma) for one in pairs)))
-            rates = (sum(pair_first(one, r, sigma, rate) for one in pairs) for rate in (1.0, 0.0))
-            damped.append(steep * abs(next(rates) - next(rates)))
+            touch = at_overlap(pairs, overlap, sigma, 0.5 * smallest)
+            stiff.append(steep * abs(touch.second))
+            damped.append(steep * sum(pair_damping(one, touch) for one in pairs))
     for one in scene.effects:
         if isinstance(one, Friction):
             stiff.append(turned * one.stiffness)
@@ -159,7 +160,7 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             damped += [one.damping, turned * one.tangential_damping]
         elif isinstance(one, Walls):
             stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma) for sigma in sizes]
-            damped.append(steep * one.damping)
+            damped += [steep * one.body_damping(0.5 * sigma, smallest) for sigma in sizes]
         elif hasattr(type(one), "body_force"):
             center = np.zeros(3)
             center[: packing.dimension] = packing.box.lattice_dd.sum(axis=1) / 2.0

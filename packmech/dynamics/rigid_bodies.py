@@ -159,11 +159,17 @@ def _per_inertia(bodies, i, x, y, z):
 
 
 @inlined
+def turned_by(bodies, axes, i, x, y, z):
+    """Return the mean of the moments of inertia times the spin that an impulse of torque gives to a body."""
+    return (0.0, 0.0, z) if len(axes) == 2 else _per_inertia(bodies, i, x, y, z)
+
+
+@inlined
 def spin_of_body(bodies, axes, body, i):
     """Return the angular velocity of a body."""
     if len(axes) == 2:
         return 0.0, 0.0, body[i, 6]
-    return _per_inertia(bodies, i, body[i, 7], body[i, 8], body[i, 9])
+    return turned_by(bodies, axes, i, body[i, 7], body[i, 8], body[i, 9])
 
 
 @device

@@ -17,9 +17,9 @@ from packmech.effects import (
     interactions_of,
     is_bound,
     law_second,
-    pair_first,
-    pair_second,
+    pair_damping,
 )
+from packmech.effects.pair import at_overlap
 from packmech.result import Condition
 from packmech.scene import Scene
 
@@ -69,7 +69,7 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
     if packing.particles > 1 and not packing.links:
         pairs, friction = [one for one in scene.effects if not is_bound(one)], acting_friction(scene.effects)
         if not packing.shapes.has_orientations:
-            spring, dashpot = (min(column) for column in zip(*_normal(scene, pairs), strict=True))
+            spring, dashpot = (min(column) for column in zip(*_normal(scene, pairs, 1.0 / pair), strict=True))
             found.append(LoneMotion("the normal force of a contact", max(spring, 0.0), max(dashpot, 0.0), pair, False))
         if friction is not None:
             sticking = friction.stiffness, friction.damping, turned * pair
@@ -88,17 +88,18 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
     return found
 
 
-def _normal(scene: Scene, pairs: list[object]) -> list[tuple[float, float]]:
-    """Return the spring and the dashpot of contacts of the smallest and of the largest particles, barely and deep."""
+def _normal(scene: Scene, pairs: list[object], mass: float) -> list[tuple[float, float]]:
+    """Return the spring and the dashpot of contacts of the smallest and of the largest particles, barely and deep.
+
+    The reduced mass is that of the lightest pair.
+    """
     diameter_n, beyond = scene.packing.diameter_n, interactions_of(scene.effects)
     found = []
     for sigma in (float(diameter_n.min()), float(diameter_n.max())):
         for overlap in _OVERLAPS:
-            r = (1.0 - overlap) * sigma
-            rates = [sum(pair_first(one, r, sigma, rate) for one in pairs) for rate in (1.0, 0.0)]
-            spring = sum(pair_second(one, r, sigma) for one in pairs)
-            spring += sum(interaction_law(one, r, sigma, 1.0).second for one in beyond)
-            found.append((spring, rates[0] - rates[1]))
+            touch = at_overlap(pairs, overlap, sigma, mass)
+            spring = touch.second + sum(interaction_law(one, touch.distance, sigma, 1.0).second for one in beyond)
+            found.append((spring, sum(pair_damping(one, touch) for one in pairs)))
     return found
 
 

@@ -12,6 +12,7 @@ from packmech.effects.body import (
     body_energy,
     body_force,
     body_second,
+    first_on_wall,
     spin_drag,
 )
 from packmech.effects.bonds import (
@@ -25,7 +26,7 @@ from packmech.effects.bonds import (
     refuse_tangential_bonds,
     refuse_tangential_springs,
 )
-from packmech.effects.damping import ContactDamping
+from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction, acting_friction, friction_of, friction_or_zero
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
 from packmech.effects.held import FixedParticles, held_particles
@@ -56,12 +57,14 @@ from packmech.effects.laws import (
 )
 from packmech.effects.pair import (
     ContactTerms,
+    TouchingPair,
     check_effect,
     contact_terms,
+    damps,
     effect,
     is_bound,
     is_effect,
-    pair_elastic,
+    pair_damping,
     pair_energy,
     pair_first,
     pair_second,
@@ -119,6 +122,7 @@ __all__ = [
     "body_energy",
     "body_force",
     "body_second",
+    "first_on_wall",
     "bonded_pairs",
     "bonds_of",
     "check_effect",
@@ -142,7 +146,11 @@ __all__ = [
     "lacking_second",
     "links_and_bonds",
     "needs_second",
-    "pair_elastic",
+    "pair_damping",
+    "damps",
+    "Restitution",
+    "TouchingPair",
+    "ViscoelasticDamping",
     "pair_energy",
     "pair_first",
     "pair_second",

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from numba import types
+
+from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
-from packmech.effects.pair import effect, hook_of
-from packmech.jit.compiled import compiled_form
+from packmech.effects.pair import TouchingPair, effect, hook_of, pair_damping
+from packmech.jit.compiled import compiled_form, device
+
+# relative overlap at which the dashpot of a wall is looked up
+_OVERLAP = 0.1
 
 
 @effect
@@ -55,6 +61,37 @@ class BackgroundDamping(NamedTuple):
         return self.rate
 
 
+def dashpot_of(damping: Any, pair: TouchingPair) -> float:
+    """Return the coefficient of a dashpot that is given by its number, or as the effect of pairs [mass/time]."""
+    return pair_damping(damping, pair) if isinstance(damping, tuple) else float(damping)
+
+
+@compiled_form(dashpot_of)
+def _dashpot_of(damping: Any, pair: Any) -> Any:
+    if isinstance(damping, types.Float):
+        return lambda damping, pair: damping
+    return lambda damping, pair: pair_damping(damping, pair)
+
+
+@device
+def first_on_wall(wall: Any, distance: float, contact_distance: float, rate: float, mass: float) -> float:
+    """Return the radial derivative of a particle and its image behind a wall, with the wall's dashpot [force].
+
+    Parameters
+    ----------
+    wall
+        The walls.
+    distance, contact_distance, rate, mass
+        As of a `TouchingPair`.
+
+    """
+    law = wall.law
+    first = law_first(law, distance, contact_distance)
+    energy, second = law_energy(law, distance, contact_distance), law_second(law, distance, contact_distance)
+    pair = TouchingPair(distance, contact_distance, rate, energy, first, second, mass)
+    return first + dashpot_of(wall.damping, pair) * rate
+
+
 @effect
 class Walls(NamedTuple):
     """Two smooth walls across an axis (0, 1 or 2), at `low` and `high`; particles touch them as they touch each other.
@@ -62,7 +99,8 @@ class Walls(NamedTuple):
     A contact with a wall is one with the particle's mirror image, which moves as its mirror image does. At a distance D
     of the center the law is that of the distance rho = 2 D and the contact distance 2 r. The force on the particle is
     that of the pair, -u'(rho) - damping d(rho)/dt, where the image comes closer twice as fast as the particle: a
-    dashpot brakes a disc of speed v by 2 v damping. As only one of the two is there, it has half the pair's energy,
+    dashpot brakes a disc of speed v by 2 v damping, and one such as `Restitution` takes from a particle what it takes
+    from each of two equal ones that meet head on. As only one of the two is there, it has half the pair's energy,
     u(rho) / 2, whose slope by D is the force, and a stiffness of 2 u''(rho). With the law of the pairs a particle
     rebounds from a wall as each of two equal ones that meet head on; where it reaches d into the wall it is pressed as
     by an equal one at an overlap of 2 d. The law is a LinearSpring unless given, whatever the scene's pairs have.
@@ -80,7 +118,7 @@ class Walls(NamedTuple):
     low: float = 0.0
     high: float = 1.0
     law: Law = LinearSpring()
-    damping: float = 0.0
+    damping: float | ContactDamping | Restitution | ViscoelasticDamping = 0.0
 
     acts_as = "walls"  # type: ignore[misc]
 
@@ -101,9 +139,9 @@ class Walls(NamedTuple):
             at, speed = z, w
         push = 0.0
         if at - self.low < radius:
-            push -= law_first(self.law, 2.0 * (at - self.low), 2.0 * radius) + 2.0 * self.damping * speed
+            push -= first_on_wall(self, 2.0 * (at - self.low), 2.0 * radius, 2.0 * speed, 0.5 * mass)
         if self.high - at < radius:
-            push += law_first(self.law, 2.0 * (self.high - at), 2.0 * radius) - 2.0 * self.damping * speed
+            push += first_on_wall(self, 2.0 * (self.high - at), 2.0 * radius, -2.0 * speed, 0.5 * mass)
         if self.axis == 0.0:
             return push, 0.0, 0.0
         if self.axis == 1.0:
@@ -147,6 +185,12 @@ class Walls(NamedTuple):
     def body_stiffness(self, radius: float) -> float:
         """Return the stiffness at contact [energy/length^2]."""
         return 2.0 * abs(law_second(self.law, 2.0 * radius * 0.999999, 2.0 * radius))
+
+    def body_damping(self, radius: float, mass: float) -> float:
+        """Return the coefficient of the dashpot of a particle and its image, at an overlap of 0.1 [mass/time]."""
+        at = 2.0 * radius * (1.0 - _OVERLAP), 2.0 * radius
+        energy, first, second = (part(self.law, *at) for part in (law_energy, law_first, law_second))
+        return dashpot_of(self.damping, TouchingPair(*at, 0.0, energy, first, second, 0.5 * mass))
 
 
 # fields that may be negative

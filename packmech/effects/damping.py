@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
-from packmech.effects.pair import effect
+from packmech.effects.pair import TouchingPair, effect
 
 # how a dashpot sets in, and the relative overlap at which half of it acts
 ONSETS = {"jump": 0.0, "smooth": 0.01}
@@ -37,12 +38,11 @@ class ContactDamping(_ContactDamping):
     --------
     >>> ContactDamping(0.2, onset="smooth")
     ContactDamping(coefficient=0.2, onset=0.01)
-    >>> round(ContactDamping(0.2, onset="smooth").pair_first(0.99, 1.0, 1.0), 12)
+    >>> scene_pair = TouchingPair(0.99, 1.0, rate=1.0, energy=0.0, first=0.0, second=0.0, mass=1.0)
+    >>> round(ContactDamping(0.2, onset="smooth").pair_damping(scene_pair), 12)
     0.1
 
     """
-
-    damps_only = True
 
     def __new__(cls, coefficient: float = 0.1, onset: float | str = "jump") -> ContactDamping:
         """Return the record; compiled loops take numbers, so that an onset by name becomes one."""
@@ -52,10 +52,76 @@ class ContactDamping(_ContactDamping):
             onset = ONSETS[onset]
         return super().__new__(cls, coefficient, onset)
 
-    def pair_first(self, distance: float, contact_distance: float, rate: float) -> float:
-        """Return the radial derivative that stands for the dashpot [force]."""
+    def pair_damping(self, pair: TouchingPair) -> float:
+        """Return the coefficient at this overlap [mass/time]."""
         onset = float(self.onset)
         if onset == 0.0:
-            return self.coefficient * rate
-        overlap = (contact_distance - distance) / contact_distance
-        return self.coefficient * rate * overlap / (overlap + onset)
+            return self.coefficient
+        overlap = (pair.contact_distance - pair.distance) / pair.contact_distance
+        return self.coefficient * overlap / (overlap + onset)
+
+
+@effect
+class Restitution(NamedTuple):
+    """A dashpot that takes the same share of the speed from every head-on collision: e = speed after / speed before.
+
+    Its coefficient is c = 2 zeta sqrt(m) |u'| / sqrt(2 u), with the energy u of the contact, the reduced mass m of the
+    pair and zeta = -ln(e) / sqrt(pi^2 + ln(e)^2). In y = sqrt(2 u) every law is a linear spring then,
+    m v dv/dy + 2 zeta sqrt(m) v + y = 0, so that e holds exactly for any law that repels, any masses, radii and speeds.
+    For a linear spring c is constant; for Hertz contacts it is the form of Tsuji, Tanaka and Ishida (Powder Technol. 71
+    (1992) 239), with the value of Antypov and Elliott (EPL 94 (2011) 50004). The contact lasts until the particles
+    part: shortly before, the dashpot holds them back. Where forces attract, and u is not positive, there is none.
+
+    A collision is head-on where friction takes no part in it. In contacts of more than two particles each dashpot is
+    that of its pair alone.
+
+    Parameters
+    ----------
+    coefficient
+        e, above 0 and at most 1 [1].
+
+    Examples
+    --------
+    >>> spring = TouchingPair(0.9, 1.0, rate=-1.0, energy=0.5 * 4.0 * 0.1**2, first=-0.4, second=4.0, mass=0.5)
+    >>> round(Restitution(0.5).pair_damping(spring), 12)  # 2 zeta sqrt(m k)
+    0.609395264474
+
+    """
+
+    coefficient: float = 0.9
+
+    def fault(self) -> str:
+        """Return what is wrong with the number; nothing is, where it is empty."""
+        within = 0.0 < self.coefficient <= 1.0
+        return "" if within else f"coefficient must be above 0 and at most 1, got {self.coefficient!r}"
+
+    def pair_damping(self, pair: TouchingPair) -> float:
+        """Return the coefficient of the dashpot [mass/time]."""
+        if not pair.energy > 0.0:
+            return 0.0
+        lost = -math.log(self.coefficient)
+        ratio = lost / math.sqrt(math.pi * math.pi + lost * lost)
+        return 2.0 * ratio * abs(pair.first) * math.sqrt(0.5 * pair.mass / pair.energy)
+
+
+@effect
+class ViscoelasticDamping(NamedTuple):
+    """The dashpot of a viscous material: c = time u'', with the stiffness u'' of the contact.
+
+    For Hertz contacts these are the viscoelastic spheres of Kuwabara and Kono (Jpn. J. Appl. Phys. 26 (1987) 1230) and
+    of Brilliantov, Spahn, Hertzsch and Pöschel (Phys. Rev. E 53 (1996) 5382), whose A is the time. Slow collisions take
+    a smaller share of the speed than fast ones: `coefficient_of_restitution` says how much is left, `viscoelastic_time`
+    gives the time for it.
+
+    Parameters
+    ----------
+    time
+        How long stresses last that a strain leaves in the material [time].
+
+    """
+
+    time: float = 0.1
+
+    def pair_damping(self, pair: TouchingPair) -> float:
+        """Return the coefficient of the dashpot [mass/time]."""
+        return self.time * abs(pair.second)

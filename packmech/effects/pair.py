@@ -7,7 +7,9 @@ Compiled loops walk the scene's tuple of effects with `literal_unroll` and call 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+import itertools
+import math
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -29,8 +31,9 @@ E = TypeVar("E", bound=type)
 
 _HOOKS = {
     "pair_energy": 3,
-    "pair_first": 4,
+    "pair_first": 3,
     "pair_second": 3,
+    "pair_damping": 2,
     "tangential_force": 3,
     "reach": 2,
     "interaction_energy": 4,
@@ -45,6 +48,37 @@ _INTERACTION = tuple(name for name in _HOOKS if name == "reach" or name.startswi
 _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
 
 
+# relative overlaps, rates and masses at which dashpots are asked for their coefficient
+_OVERLAPS, _RATES, _MASSES = (1e-9, 1e-3, 0.3), (-1.0, 1e-6), (0.3, 70.0)
+
+
+class TouchingPair(NamedTuple):
+    """What dashpots may depend on: how a pair touches and moves, and the sums over the effects with an energy.
+
+    Attributes
+    ----------
+    distance, contact_distance
+        Of ellipses, spheroids and beads as laws take them [length].
+    rate
+        d(distance)/dt, negative on approach [length/time].
+    energy, first, second
+        Energy of the contact and its derivatives by the distance [energy], [force], [force/length].
+    mass
+        Inertia of the pair against a change of the distance: m_i m_j / (m_i + m_j) of discs and spheres, that of the
+        other where one is held [mass]. Shapes that are touched off center turn as well and count less. 0 where nothing
+        can move.
+
+    """
+
+    distance: float
+    contact_distance: float
+    rate: float
+    energy: float
+    first: float
+    second: float
+    mass: float
+
+
 def effect(cls: E) -> E:
     """Return the class registered as an effect that compiled loops can call.
 
@@ -57,9 +91,12 @@ def effect(cls: E) -> E:
         method, after self                                     what it returns
         =====================================================  =========================================================
         pair_energy(distance, contact_distance)                energy of a touching pair [energy]
-        pair_first(distance, contact_distance, rate)           its radial derivative [force], minus the force on j along
-                                                               n; rate = d(distance)/dt
+        pair_first(distance, contact_distance)                 its radial derivative [force], minus the force on j along
+                                                               n
         pair_second(distance, contact_distance)                its second radial derivative [force/length]
+        pair_damping(pair)                                     coefficient c >= 0 of a dashpot, whose force on j along n
+                                                               is -c d(distance)/dt [mass/time]; pair is a
+                                                               `TouchingPair`
         body_energy(x, y, z, mass, radius)                     energy of a single particle [energy]
         body_force(x, y, z, u, v, w, mass, radius)             the three components of the force on it [force]; (u, v,
                                                                w) is its peculiar velocity
@@ -71,18 +108,17 @@ def effect(cls: E) -> E:
         =====================================================  =========================================================
 
         Those of pairs are asked for distances below contact. (x, y, z) is the place in the cell: an energy that differs
-        at opposite faces jumps where a particle crosses one. A class whose pair_first is zero at rate zero may say so,
-        `damps_only = True`: it is not asked for the elastic force then, which caps friction. One whose elastic force is
-        meant to jump at contact says so, `force_jumps = True`; others must go to zero there.
+        at opposite faces jumps where a particle crosses one. A class whose force is meant to jump at contact says so,
+        `force_jumps = True`; others must go to zero there.
 
     Raises
     ------
     TypeError
         If it is not, or if a hook takes the wrong number of arguments.
     ValueError
-        If `pair_first` at rate zero is not the derivative of `pair_energy`, or `pair_second` not that of `pair_first`:
-        looked at by differences, with the numbers that stand where none are given; scenes look again with their own.
-        Or if one of the first two jumps at contact, or below it, and the class does not say so.
+        If `pair_first` is not the derivative of `pair_energy`, or `pair_second` not that of `pair_first`: looked at by
+        differences, with the numbers that stand where none are given; scenes look again with their own. If one of the
+        first two jumps at contact, or below it, and the class does not say so. Or if a dashpot drives.
 
     Examples
     --------
@@ -91,7 +127,7 @@ def effect(cls: E) -> E:
     ...     strength: float = 1.0
     ...     def pair_energy(self, distance, contact_distance):
     ...         return self.strength * (1.0 - distance / contact_distance) ** 4
-    ...     def pair_first(self, distance, contact_distance, rate):
+    ...     def pair_first(self, distance, contact_distance):
     ...         return -4.0 * self.strength * (1.0 - distance / contact_distance) ** 3 / contact_distance
     ...     def pair_second(self, distance, contact_distance):
     ...         return 12.0 * self.strength * (1.0 - distance / contact_distance) ** 2 / contact_distance**2
@@ -121,18 +157,18 @@ def effect(cls: E) -> E:
     example = default_record(cls)
     if example is not None:
         check_effect(example)
-    _COMPILED[cls] = compiled_methods("effect", cls, hooks)
+    _COMPILED[cls] = compiled_methods("effect", cls, hooks, {"pair_damping": (TouchingPair(*map(float, range(7))),)})
     return cls
 
 
 def check_effect(effect: Any) -> None:
-    """Refuse an effect whose hooks for pairs, at rate zero, are not derivatives of each other, or jump.
+    """Refuse an effect whose hooks for pairs are not derivatives of each other, or jump, or whose dashpot drives.
 
     A hook that it lacks is zero.
     """
     hooks = (
         lambda distance, contact_distance: pair_energy(effect, distance, contact_distance),
-        lambda distance, contact_distance: pair_elastic(effect, distance, contact_distance),
+        lambda distance, contact_distance: pair_first(effect, distance, contact_distance),
         lambda distance, contact_distance: pair_second(effect, distance, contact_distance),
     )
     what, names = f"effect {written_name(type(effect))}", ("pair_energy", "pair_first", "pair_second")
@@ -141,6 +177,17 @@ def check_effect(effect: Any) -> None:
         check_continuity(what, names, hooks)
     if hasattr(type(effect), "interaction_energy"):
         check_interaction(what, effect)
+    if damps(effect):
+        _check_damping(what, effect)
+
+
+def _check_damping(what: str, effect: Any) -> None:
+    """Refuse a dashpot that pushes along the motion, or is no number, under a spring of stiffness 1."""
+    for overlap, rate, mass in itertools.product(_OVERLAPS, _RATES, _MASSES):
+        pair = TouchingPair(1.0 - overlap, 1.0, rate, 0.5 * overlap**2, -overlap, 1.0, mass)
+        found = pair_damping(effect, pair)
+        if not 0.0 <= found < math.inf:
+            raise ValueError(f"{what}.pair_damping must be finite and not negative, got {found!r} for {pair}")
 
 
 def bound_effect(cls: E) -> E:
@@ -173,21 +220,27 @@ def pair_energy(effect: Any, distance: float, contact_distance: float) -> float:
     return 0.0 if hook is None else hook(distance, contact_distance)
 
 
-def pair_first(effect: Any, distance: float, contact_distance: float, rate: float) -> float:
-    """Return the radial derivative of a touching pair under one effect [force]."""
+def pair_first(effect: Any, distance: float, contact_distance: float) -> float:
+    """Return the radial derivative of the energy of a touching pair under one effect [force]."""
     hook = getattr(effect, "pair_first", None)
-    return 0.0 if hook is None else hook(distance, contact_distance, rate)
-
-
-def pair_elastic(effect: Any, distance: float, contact_distance: float) -> float:
-    """Return the radial derivative of a touching pair at rest under one effect [force]."""
-    return pair_first(effect, distance, contact_distance, 0.0)
+    return 0.0 if hook is None else hook(distance, contact_distance)
 
 
 def pair_second(effect: Any, distance: float, contact_distance: float) -> float:
     """Return the second radial derivative of a touching pair under one effect [force/length]."""
     hook = getattr(effect, "pair_second", None)
     return 0.0 if hook is None else hook(distance, contact_distance)
+
+
+def pair_damping(effect: Any, pair: TouchingPair) -> float:
+    """Return the coefficient of the dashpot of a touching pair under one effect [mass/time]."""
+    hook = getattr(effect, "pair_damping", None)
+    return 0.0 if hook is None else hook(pair)
+
+
+def damps(effect: Any) -> bool:
+    """Return whether an effect, its class, or numba's type of one, puts dashpots between touching pairs."""
+    return hasattr(getattr(effect, "instance_class", effect), "pair_damping")
 
 
 def hook_of(numba_type: Any, name: str) -> Callable[..., Any] | None:
@@ -204,20 +257,11 @@ def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
 
 
 @compiled_form(pair_first)
-def _pair_first(effect: Any, distance: Any, contact_distance: Any, rate: Any) -> Any:
+def _pair_first(effect: Any, distance: Any, contact_distance: Any) -> Any:
     function = hook_of(effect, "pair_first")
     if function is None:
-        return lambda effect, distance, contact_distance, rate: 0.0
-    return function
-
-
-@compiled_form(pair_elastic)
-def _pair_elastic(effect: Any, distance: Any, contact_distance: Any) -> Any:
-    function = hook_of(effect, "pair_first")
-    # infinity times zero is not a number: a compiler cannot leave a term out because its factor is zero
-    if function is None or getattr(effect.instance_class, "damps_only", False):
         return lambda effect, distance, contact_distance: 0.0
-    return lambda effect, distance, contact_distance: function(effect, distance, contact_distance, 0.0)
+    return function
 
 
 @compiled_form(pair_second)
@@ -228,8 +272,37 @@ def _pair_second(effect: Any, distance: Any, contact_distance: Any) -> Any:
     return function
 
 
+@compiled_form(pair_damping)
+def _pair_damping(effect: Any, pair: Any) -> Any:
+    function = hook_of(effect, "pair_damping")
+    if function is None:
+        return lambda effect, pair: 0.0
+    return function
+
+
+def at_overlap(effects: Sequence[Any], overlap: float, contact_distance: float, mass: float) -> TouchingPair:
+    """Return a pair that touches and hardly moves, under effects walked in plain Python.
+
+    Parameters
+    ----------
+    effects
+        Effects of pairs, none with arrays of their own.
+    overlap
+        Relative overlap, 1 - distance / contact distance [1].
+    contact_distance, mass
+        As of a `TouchingPair`.
+
+    """
+    distance = (1.0 - overlap) * contact_distance
+    energy, first, second = (
+        float(sum(part(one, distance, contact_distance) for one in effects))
+        for part in (pair_energy, pair_first, pair_second)
+    )
+    return TouchingPair(distance, contact_distance, 0.0, energy, first, second, mass)
+
+
 class ContactTerms(NamedTuple):
-    """Energy and radial derivatives of each contact, summed over the effects at zero rate; zero where not touching."""
+    """Energy and radial derivatives of each contact, summed over the effects; zero where not touching."""
 
     energy_c: NDArray[np.float64]
     first_c: NDArray[np.float64]
@@ -247,7 +320,7 @@ def _contact_terms(effects, distance_c, contact_distance_c, touching_c, energy_c
             second = 0.0
             for one in literal_unroll(effects):
                 energy += pair_energy(one, r, sigma)
-                first += pair_first(one, r, sigma, 0.0)
+                first += pair_first(one, r, sigma)
                 second += pair_second(one, r, sigma)
             energy_c[c] = energy
             first_c[c] = first

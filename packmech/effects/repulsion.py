@@ -18,7 +18,7 @@ class Repulsion(NamedTuple):
         """Return the energy [energy]."""
         return law_energy(self.law, distance, contact_distance)
 
-    def pair_first(self, distance: float, contact_distance: float, rate: float) -> float:
+    def pair_first(self, distance: float, contact_distance: float) -> float:
         """Return du/dr [force]."""
         return law_first(self.law, distance, contact_distance)
 

@@ -158,7 +158,7 @@ def read_fields(
                 known, near = ", ".join(fields), did_you_mean(name, fields)
                 meant |= {one for one in fields if near.endswith(f"{one!r}?")}
                 raise ValueError(f"{path} must be a field of {kind_of(maker)} ({known}), got an unknown one{near}")
-            if nested and name in nested and holds_record(hints.get(name, Any)):
+            if nested and name in nested and holds_record(hints.get(name, Any)) and not _number(value, hints.get(name)):
                 values[name] = from_table(value, path, nested[name], nested)
             else:
                 values[name] = _value(path, value, hints.get(name, Any))
@@ -168,6 +168,11 @@ def read_fields(
             errors.found.append(ValueError(f"{where}.{name} must be given, got nothing"))
     errors.check()
     return maker, values
+
+
+def _number(value: Any, hint: Any) -> bool:
+    """Return whether a number stands where one may, beside records."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and float in _options(hint)
 
 
 def _listed(kinds: Kinds, kind: Any, given: bool) -> str:
@@ -214,7 +219,7 @@ def _options(hint: Any) -> tuple[Any, ...]:
 
 def _value(path: str, value: Any, hint: Any) -> Any:
     """Return the plain value in the type that the annotation asks for; annotations other than plain ones accept any."""
-    if holds_record(hint):
+    if holds_record(hint) and not _number(value, hint):
         return tuple(value) if isinstance(value, list) else value
     options = _options(hint)
     for option in options:

@@ -69,9 +69,27 @@ def tell_apart(cls: Any) -> None:
 _METHODS: dict[type, tuple[str, dict[str, Callable[..., Any]]]] = {}
 
 
-def compiled_methods(what: str, cls: type, methods: dict[str, Callable[..., Any]]) -> dict[str, Callable[..., Any]]:
-    """Return the methods of a record class for compiled code to call; one that does not compile will be named."""
+# what methods take that is no number, by their names: examples of it
+_RECORDS: dict[str, tuple[Any, ...]] = {}
+
+
+def compiled_methods(
+    what: str, cls: type, methods: dict[str, Callable[..., Any]], records: dict[str, tuple[Any, ...]] | None = None
+) -> dict[str, Callable[..., Any]]:
+    """Return the methods of a record class for compiled code to call; one that does not compile will be named.
+
+    Parameters
+    ----------
+    what
+        What the class is, in messages.
+    cls, methods
+        The class, and its methods by name.
+    records
+        By names of methods that take records, not numbers: an example of each argument after self.
+
+    """
     _METHODS[cls] = what, methods
+    _RECORDS.update(records or {})
     return {name: device(method) for name, method in methods.items()}
 
 
@@ -89,6 +107,13 @@ def _reason(error: NumbaError) -> str:
     return " ".join(lines[:2] if lines and lines[0].endswith(":") else lines[:1]) or type(error).__name__
 
 
+def _argument_types(name: str, method: Callable[..., Any]) -> list[Any]:
+    """Return numba's types of what compiled code gives to a method after self."""
+    given = _RECORDS.get(name)
+    count = len(inspect.signature(method).parameters) - 1
+    return [types.float64] * count if given is None else [typeof(one) for one in given]
+
+
 def _refusal(classes: dict[type, Any]) -> TypeError | None:
     """Return the error that names the first method of these record classes that compiled code cannot use."""
     for cls, numba_type in classes.items():
@@ -96,9 +121,8 @@ def _refusal(classes: dict[type, Any]) -> TypeError | None:
         for name, method in methods.items():
             rule = f"{what} {written_name(cls)}.{name} must"
             dispatcher = njit(**OPTIONS)(method)
-            numbers = [types.float64] * (len(inspect.signature(method).parameters) - 1)
             try:
-                dispatcher.compile((numba_type, *numbers))
+                dispatcher.compile((numba_type, *_argument_types(name, method)))
             except NumbaError as error:
                 refusal = TypeError(f"{rule} compile: {_reason(error)}")
                 refusal.__cause__ = error
@@ -114,12 +138,11 @@ def makes_arrays(laws: Any) -> bool:
     for cls, numba_type in record_types(laws):
         if cls.__module__.startswith("packmech."):
             continue
-        for method in _METHODS.get(cls, ("", {}))[1].values():
-            numbers = [types.float64] * (len(inspect.signature(method).parameters) - 1)
+        for name, method in _METHODS.get(cls, ("", {}))[1].items():
             # tried out with references counted: numba would remember for good what failed without
             tried = njit(**OPTIONS)(method)
             try:
-                tried.compile((numba_type, *numbers))
+                tried.compile((numba_type, *_argument_types(name, method)))
             except NumbaError:
                 return True
             named = next(iter(tried.overloads.values())).type_annotation.typemap.values()

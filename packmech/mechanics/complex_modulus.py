@@ -32,12 +32,14 @@ from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.contacts.tangential_elements import tangential_elements
 from packmech.effects import (
     BackgroundDamping,
+    TouchingPair,
     acting_contacts,
     bonds_of,
+    contact_terms,
+    damps,
     friction_of,
     friction_or_zero,
-    is_bound,
-    pair_first,
+    pair_damping,
     refuse_tangential_bonds,
     refuse_unknown_to_shapes,
     single_terms,
@@ -59,6 +61,8 @@ MODES = ("shear", "uniaxial", "isotropic")
 _REST = 1e-6
 # part of the mean contact force below which a contact of a rattler bears nothing
 _NOTHING = 1e-9
+# relative overlap at which dashpots are looked up at least
+_CLOSED = 1e-9
 
 
 @shown()
@@ -182,18 +186,41 @@ def _bearing(scene: Scene, found: Contacts | ShapeContacts) -> Contacts | ShapeC
     return found.select(~(loose & (rattling[found.i_c] | rattling[found.j_c])))
 
 
-def _touching(scene: Scene, found: Contacts | ShapeContacts) -> tuple[Elements, Elements]:
-    """Return the springs and the dashpots of contacts, those across them among these where there is friction."""
+def _damping(scene: Scene, found: Contacts | ShapeContacts, weight_n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (C,) coefficients of the dashpots of contacts at rest, those that just touch a little closed."""
+    acting, packing = [one for one in scene.effects if damps(one)], scene.packing
+    sigma, slope, d = found.contact_distance_c, found.slope_cx, packing.dimension
+    distance = np.minimum(found.distance_c, (1.0 - _CLOSED) * sigma)
+    terms = contact_terms(scene.effects, distance, sigma)
+    inverse = (weight_n[found.i_c] + weight_n[found.j_c]) * (slope[:, :d] ** 2).sum(axis=1)
+    for particle, part in zip((found.i_c, found.j_c), np.split(slope[:, d:], 2, axis=1), strict=True):
+        if part.shape[1]:
+            turned = np.einsum("ckt,ct->ck", packing.turn_nkt[particle], part)
+            inverse += weight_n[particle] * (turned**2).sum(axis=1)
+    mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
+    columns = (distance, sigma, np.zeros_like(sigma), *terms, mass)
+    pairs = (TouchingPair(*row) for row in zip(*(column.tolist() for column in columns), strict=True))
+    return np.array([sum(pair_damping(one, pair) for one in acting) for pair in pairs], dtype=float)
+
+
+def _touching(
+    scene: Scene, found: Contacts | ShapeContacts, weight_n: NDArray[np.float64]
+) -> tuple[Elements, Elements]:
+    """Return the springs and the dashpots of contacts, those across them among these where there is friction.
+
+    Parameters
+    ----------
+    scene, found
+        The scene and its contacts.
+    weight_n
+        (N,) inverse masses, 0 for what follows the box [1/mass].
+
+    """
     terms, friction = closed_terms(scene, found), friction_or_zero(scene.effects)
-    acting, sigma = [one for one in scene.effects if not is_bound(one)], found.contact_distance_c
-    damping = [
-        sum(pair_first(one, r, s, 1.0) - pair_first(one, r, s, 0.0) for one in acting)
-        for r, s in zip(np.minimum(found.distance_c, sigma).tolist(), sigma.tolist(), strict=True)
-    ]
     slack, none, damping_c = (
         np.zeros_like(terms.first_c),
         np.zeros_like(found.vector_cd),
-        np.array(damping, dtype=float),
+        _damping(scene, found, weight_n),
     )
     springs, dashpots = elements_of(found, terms.first_c, terms.second_c), elements_of(found, slack, damping_c)
     radius = scene.packing.radius_n
@@ -277,7 +304,7 @@ def complex_modulus(
     if not len(contacts) + len(network.interactions):
         raise ValueError("scene must have contacts or bonds, got none")
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
-    touching, damping = _touching(scene, contacts)
+    touching, damping = _touching(scene, contacts, moving / packing.mass_n)
     springs = (touching, network.interactions.elements(), *across_bonds(scene.effects, network))
     dashpots = (damping, *across_bonds(scene.effects, network, dashpots=True))
     single, gradients = single_second(scene, network), np.eye(d * d).reshape(-1, d, d)

@@ -16,8 +16,7 @@ from packmech.check import finite_array, instance, integer, positive, real
 from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
-from packmech.effects import held_particles, is_interaction, pair_energy, reach_beyond_contact
-from packmech.effects.pair import pair_elastic
+from packmech.effects import held_particles, is_interaction, pair_energy, pair_first, reach_beyond_contact
 from packmech.loop.run_loop import RunLoop, RunSettings
 from packmech.minimize.passes.interaction_rows import bonded_rows
 from packmech.minimize.passes.kernels import (
@@ -541,7 +540,7 @@ def _bearable_overlap(scene: Scene, diverges: bool) -> float:
         return _DEEP
     sigma = scene.packing.reference_diameter
     try:
-        close, deep = (sum(abs(float(pair_elastic(one, s * sigma, sigma))) for one in scene.effects) for s in _CLOSE)
+        close, deep = (sum(abs(float(pair_first(one, s * sigma, sigma))) for one in scene.effects) for s in _CLOSE)
     except (OverflowError, ZeroDivisionError, ValueError):
         return _COINCIDENT
     except TypeError:

@@ -209,7 +209,7 @@ class Spring(NamedTuple):
         """Return the energy."""
         return 0.5 * self.stiffness * (distance - self.rest_length) ** 2
 
-    def pair_first(self, distance, contact_distance, rate):
+    def pair_first(self, distance, contact_distance):
         """Return the pull."""
         return self.stiffness * (distance - self.rest_length)
 

@@ -8,9 +8,18 @@ from typing import Any, NamedTuple
 
 from packmech.check import positive
 from packmech.constraints.compiled_links import speeds
-from packmech.effects import ContactDamping
 from packmech.jit.compiled import compiled_form, device, kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, judge, move_pass, moved_far, net_forces, survey
+from packmech.minimize.passes.kernels import (
+    RUNNING,
+    Goal,
+    Resistance,
+    clear,
+    judge,
+    move_pass,
+    moved_far,
+    net_forces,
+    survey,
+)
 from packmech.minimize.passes.pair_list import follow
 from packmech.minimize.passes.shape_rows import ROWS_WITH_SHAPES
 from packmech.minimize.passes.single_rows import RowsHeld
@@ -69,14 +78,14 @@ class DampedDynamics(NamedTuple):
         scene = program.scene
         mobility = scene.packing.reference_diameter**2 / scene.energy_scale
         dt = self.dt * max(1.0, self.damping)
-        numbers = _Damped(ContactDamping(self.damping / mobility), dt, mobility)
+        numbers = _Damped(Resistance(self.damping / mobility), dt, mobility)
         return program.advance(damped_steps, numbers, goal, progress, steps, self.largest_step)
 
 
 class _Damped(NamedTuple):
     """The method in the units of the loop, where one over the mass is the mobility and velocities are lengths."""
 
-    dashpot: ContactDamping
+    dashpot: Resistance
     dt: float
     mobility: float
 

@@ -9,7 +9,7 @@ and a tuple `axes` as long as the dimension, so that a plane does not pay for th
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import literal_unroll
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions, project_forces, project_rows, refresh
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
+from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, inner_lean, kernel
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
 from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
 from packmech.minimize.passes.shape_rows import (
@@ -86,9 +86,7 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy,
     if len(axes) == 3:
         rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
     rate *= inverse
-    first = 0.0
-    for one in literal_unroll(effects):
-        first += pair_first(one, r, sigma, rate)
+    first = _slope(effects, r, sigma, rate)
     push = first * inverse
     force_nd[i, 0] += push * dx
     force_nd[i, 1] += push * dy
@@ -100,11 +98,29 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy,
     return abs(first), 1
 
 
+class Resistance(NamedTuple):
+    """Stands among effects for a dashpot at every touch of rows: coefficient times the rate of its distance."""
+
+    coefficient: float
+
+
+def _resistance(effect: Any, rate: float) -> float:
+    """Return the part of a dashpot in the slope of a touch; zero of effects."""
+    raise NotImplementedError("rows are pushed in compiled loops")
+
+
+@compiled_form(_resistance)
+def _choose_resistance(effect: Any, rate: Any) -> Any:
+    if getattr(effect, "instance_class", None) is Resistance:
+        return lambda effect, rate: effect.coefficient * rate
+    return lambda effect, rate: 0.0
+
+
 @device
 def _slope(effects, rho, sigma, rate):
     first = 0.0
     for one in literal_unroll(effects):
-        first += pair_first(one, rho, sigma, rate)
+        first += pair_first(one, rho, sigma) + _resistance(one, rate)
     return first
 
 
@@ -113,7 +129,7 @@ def _law(effects, rho, sigma):
     energy = first = second = 0.0
     for one in literal_unroll(effects):
         energy += pair_energy(one, rho, sigma)
-        first += pair_first(one, rho, sigma, 0.0)
+        first += pair_first(one, rho, sigma)
         second += pair_second(one, rho, sigma)
     return energy, first, second
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from packmech.effects import Walls, body_energy, body_force, body_second, law_energy, law_first, law_second
+from packmech.effects import Walls, body_energy, body_force, body_second, first_on_wall, law_energy, law_second
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined
 from packmech.minimize.passes.shape_rows import by_shape
@@ -68,13 +68,17 @@ def _reach(wall, shapes, i):
 
 
 @inlined
-def _pull(wall, distance, sigma, rate):
-    """Return half of du/drho of a wall, its dashpot's part in it: what the particle has of it."""
-    return 0.5 * (law_first(wall.law, distance, sigma) + wall.damping * rate)
+def _pull(wall, distance, sigma, rate, per_inertia):
+    """Return half of du/drho of a wall, its dashpot's part in it: what the particle has of it.
+
+    Per inertia is the sum of the squared slopes of rho along the particle's coordinates, over their inertia: the
+    particle and its image have half the energy each.
+    """
+    return 0.5 * first_on_wall(wall, distance, sigma, rate, 2.0 / per_inertia)
 
 
 @inlined
-def _push_of_walls_on_spheroid(shapes, wall, i, motion):
+def _push_of_walls_on_spheroid(shapes, wall, i, motion, mass):
     size, bend = _reach(wall, shapes, i)
     at = _component(wall.axis, motion.x, motion.y, motion.z)
     speed = _component(wall.axis, motion.u, motion.v, motion.w)
@@ -85,12 +89,15 @@ def _push_of_walls_on_spheroid(shapes, wall, i, motion):
     share = sigma / size
     push = twist = 0.0
     below, above = at - wall.low, wall.high - at
+    turn = bend * bend * (cx * cx + cy * cy + cz * cz) / (size * shapes.gyration_n[i]) ** 2
     if below < size:
-        first = _pull(wall, share * below, sigma, share * (speed - below / size * growth))
+        inverse = share * share * (1.0 + below * below * turn) / mass
+        first = _pull(wall, share * below, sigma, share * (speed - below / size * growth), inverse)
         push -= first * share
         twist += first * share * below / size * bend
     if above < size:
-        first = _pull(wall, share * above, sigma, share * (-speed - above / size * growth))
+        inverse = share * share * (1.0 + above * above * turn) / mass
+        first = _pull(wall, share * above, sigma, share * (-speed - above / size * growth), inverse)
         push += first * share
         twist += first * share * above / size * bend
     fx, fy, fz = _along(wall.axis, push)
@@ -98,7 +105,18 @@ def _push_of_walls_on_spheroid(shapes, wall, i, motion):
 
 
 @inlined
-def _push_of_walls_on_beads(shapes, wall, i, motion):
+def _turning(shapes, i, x, y, z):
+    """Return the square of a torque over the moments of inertia of a body of beads, times the mass."""
+    frame, rate = shapes.frame_ndd, shapes.rate_nk
+    total = 0.0
+    for k in range(3):
+        along = rate[i, k] * (frame[i, 0, k] * x + frame[i, 1, k] * y + frame[i, 2, k] * z)
+        total += along * along
+    return total
+
+
+@inlined
+def _push_of_walls_on_beads(shapes, wall, i, motion, mass):
     at = _component(wall.axis, motion.x, motion.y, motion.z)
     speed = _component(wall.axis, motion.u, motion.v, motion.w)
     push = tx = ty = tz = 0.0
@@ -111,10 +129,11 @@ def _push_of_walls_on_beads(shapes, wall, i, motion):
             cx, cy, cz = _across(wall.axis, x, y, z)
             moving = speed + cx * motion.ox + cy * motion.oy + cz * motion.oz
             own = 0.0
+            inverse = 4.0 * (1.0 + _turning(shapes, i, cx, cy, cz)) / mass
             if below < radius:
-                own -= 2.0 * _pull(wall, 2.0 * below, 2.0 * radius, 2.0 * moving)
+                own -= 2.0 * _pull(wall, 2.0 * below, 2.0 * radius, 2.0 * moving, inverse)
             if above < radius:
-                own += 2.0 * _pull(wall, 2.0 * above, 2.0 * radius, -2.0 * moving)
+                own += 2.0 * _pull(wall, 2.0 * above, 2.0 * radius, -2.0 * moving, inverse)
             push += own
             tx += own * cx
             ty += own * cy
@@ -173,15 +192,15 @@ def _center_alone(one, shapes, i, x, y, z, mass):
     return body_energy(one, x, y, z, mass, radius), stiffness
 
 
-# force and torque of walls on a particle: (shapes, walls, i, motion); its energy there, and a bound of its stiffness
-# along its coordinates: (shapes, walls, i, x, y, z)
+# force and torque of walls on a particle: (shapes, walls, i, motion, mass); its energy there, and a bound of its
+# stiffness along its coordinates: (shapes, walls, i, x, y, z)
 _push_of_walls = by_shape(None, _push_of_walls_on_spheroid, _push_of_walls_on_beads)
 _energy_on_walls = by_shape(None, _spheroid_on_walls, _beads_on_walls)
 
 
 @inlined
 def _pushed_by_walls(walls, shapes, i, motion, mass):
-    return _push_of_walls(shapes, walls, i, motion)
+    return _push_of_walls(shapes, walls, i, motion, mass)
 
 
 @inlined

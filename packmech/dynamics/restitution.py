@@ -1,0 +1,181 @@
+"""Coefficients of restitution: what a head-on collision of two particles leaves of their speed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from packmech.check import clear_errors, positive, positive_array, real
+from packmech.effects import (
+    Repulsion,
+    ViscoelasticDamping,
+    is_bound,
+    is_effect,
+    pair_damping,
+    pair_energy,
+)
+from packmech.effects.laws import Law
+from packmech.effects.pair import at_overlap
+
+# relative error of the collision's integration
+_ACCURACY = 1e-11
+# overlap at the start, over the deepest one
+_CLOSED = 1e-12
+# part of the energy below which what is left counts as none
+_STOPPED = 1e-16
+# halvings of an overlap, and doublings of a time, after which there is none
+_HALVINGS, _DOUBLINGS = 200, 60
+
+
+@clear_errors
+def coefficient_of_restitution(
+    effects: Sequence[Any], speed: float, *, radii: ArrayLike = (0.5, 0.5), masses: ArrayLike = (1.0, 1.0)
+) -> float:
+    """Return the speed at which two particles part over that at which they meet head on [1]; 0 where they do not part.
+
+    The equation of motion of the pair, m dv/dt = -u' - c v with the reduced mass m, integrated to a relative error of
+    1e-11 (Dormand and Prince, order 8) from where they meet to where they part. A wall is hit as an equal particle is
+    that comes as fast, with the law and the dashpot of the wall.
+
+    Parameters
+    ----------
+    effects
+        What acts between them, as in a scene: `Repulsion`, dashpots.
+    speed
+        Of the approach, v_i - v_j [length/time].
+    radii, masses
+        Of both [length], [mass]; a mass may be infinite.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is wrong, or nothing repels them strongly enough.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> spheres = (pm.Repulsion(pm.Hertz()), pm.Restitution(0.7))
+    >>> round(pm.coefficient_of_restitution(spheres, 1e-3, radii=(0.5, 2.0), masses=(1.0, 64.0)), 9)
+    0.7
+
+    """
+    acting = tuple(effects)
+    for k, one in enumerate(acting):
+        if not is_effect(one) or is_bound(one):
+            raise TypeError(f"effects[{k}] must be an effect of touching pairs, got {one!r}")
+    sigma = float(positive_array("radii", radii, shape=(2,), what="radius").sum())
+    inverse = float((1.0 / _masses(masses)).sum())
+    if not inverse > 0.0:
+        raise ValueError(f"masses must not both be infinite, got {masses!r}")
+    return _restitution(acting, positive("speed", speed), sigma, 1.0 / inverse)
+
+
+def _masses(masses: ArrayLike) -> NDArray[np.float64]:
+    """Return two masses that are positive, and may be infinite."""
+    found = np.asarray(masses, dtype=np.float64)
+    if found.shape != (2,) or not (found > 0.0).all():
+        raise ValueError(f"masses must be two positive numbers, got {masses!r}")
+    return found
+
+
+def _restitution(effects: tuple[Any, ...], speed: float, sigma: float, mass: float) -> float:
+    """Return the restitution of a pair of this contact distance and reduced mass."""
+    start = 0.5 * mass * speed * speed
+    deepest = _overlap_of(effects, start, sigma)
+
+    # lengths in the deepest overlap without dashpots, speeds in the first one
+    def slope(_: float, state: NDArray[np.float64]) -> tuple[float, float]:
+        overlap, rate = float(state[0]) * deepest, float(state[1]) * speed
+        if not overlap > 0.0:
+            return state[1], 0.0
+        pair = at_overlap(effects, overlap / sigma, sigma, mass)._replace(rate=-rate)
+        force = pair.first - rate * sum(pair_damping(one, pair) for one in effects)
+        return state[1], force / mass * deepest / speed**2
+
+    def parted(_: float, state: NDArray[np.float64]) -> float:
+        return float(state[0])
+
+    def stopped(_: float, state: NDArray[np.float64]) -> float:
+        overlap = max(float(state[0]), 0.0) * deepest
+        left = sum(float(pair_energy(one, sigma - overlap, sigma)) for one in effects)
+        return left / start + float(state[1]) ** 2 - _STOPPED
+
+    parted.terminal, parted.direction = True, -1.0  # type: ignore[attr-defined]
+    stopped.terminal = True  # type: ignore[attr-defined]
+    closed = max(_CLOSED, 4.0 * float(np.finfo(np.float64).eps) * sigma / deepest)
+    options = {"rtol": _ACCURACY, "atol": 1e-3 * _ACCURACY}
+    run = solve_ivp(slope, (0.0, math.inf), (closed, 1.0), "DOP853", events=(parted, stopped), **options)
+    return abs(float(run.y[1, -1])) if len(run.t_events[0]) else 0.0
+
+
+def _overlap_of(effects: tuple[Any, ...], energy: float, sigma: float) -> float:
+    """Return the overlap at which a pair has this energy [length]."""
+
+    def beyond(overlap: float) -> float:
+        return sum(float(pair_energy(one, sigma - overlap, sigma)) for one in effects) - energy
+
+    high = 0.999 * sigma
+    if not beyond(high) > 0.0:
+        raise ValueError("speed must be so small that the effects stop the particles before their centers meet")
+    low = high
+    for _ in range(_HALVINGS):
+        low *= 0.5
+        if beyond(low) < 0.0:
+            break
+    return float(brentq(beyond, low, 2.0 * low, xtol=1e-15 * low))
+
+
+@clear_errors
+def viscoelastic_time(
+    law: Law, restitution: float, speed: float, *, radii: ArrayLike = (0.5, 0.5), masses: ArrayLike = (1.0, 1.0)
+) -> float:
+    """Return the time of the `ViscoelasticDamping` that leaves this restitution to a collision of this speed [time].
+
+    Found by bisection of `coefficient_of_restitution`; at other speeds, radii and masses the restitution is another.
+
+    Parameters
+    ----------
+    law
+        Of the repulsion.
+    restitution
+        Speed after over speed before, above 0 and below 1 [1].
+    speed, radii, masses
+        As in `coefficient_of_restitution`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is wrong, or no time leaves so little.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> time = pm.viscoelastic_time(pm.LinearSpring(4.0), 0.5, 0.01)
+    >>> zeta = math.log(2.0) / math.hypot(math.pi, math.log(2.0))
+    >>> round(time * 4.0, 8), round(2.0 * zeta * math.sqrt(0.5 * 4.0), 8)  # of a linear spring
+    (0.60954902, 0.60954902)
+
+    """
+    aim = real("restitution", restitution, above=0.0, below=1.0)
+
+    def beyond(time: float) -> float:
+        effects = (Repulsion(law), ViscoelasticDamping(time))
+        return coefficient_of_restitution(effects, speed, radii=radii, masses=masses) - aim
+
+    return _root(beyond, 1e-3)
+
+
+def _root(beyond: Callable[[float], float], start: float) -> float:
+    """Return the root of a function that falls from a positive value at 0."""
+    low, high = 0.0, start
+    for _ in range(_DOUBLINGS):
+        if beyond(high) < 0.0:
+            return float(brentq(beyond, low, high, rtol=_ACCURACY, xtol=_ACCURACY * high))
+        low, high = high, 2.0 * high
+    raise ValueError("restitution must be one that some time leaves, got one below all")
