@@ -24,6 +24,7 @@ from packmech.effects import (
     is_bound,
     is_effect,
     is_law,
+    refuse_rolling,
     registered_effects,
 )
 from packmech.files.records import is_record, kind_of
@@ -648,6 +649,7 @@ class Scene:
                 continue
             _check_numbers(f"effects[{k}]", one)
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
+        refuse_rolling(self.effects, self.packing)
         self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:
             known = ", ".join(cls.__name__ for cls in _DRIVES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from packmech.calls.display import shown
 from packmech.check import finite_array
 from packmech.links import named_pairs
 
-_FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2")
+_FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2", "rolling_ck", "twisting_c")
 
 
 @shown()
@@ -38,6 +39,9 @@ class TangentialDisplacements:
         (C, 2) beads of i and of j that touch, counted from 0 in each, where particles are rigid bodies (`Beads`): one
         pair of these has a spring for each pair of their beads, and n is the direction from bead to bead. None for
         other particles.
+    rolling_ck, twisting_c
+        (C, 1 or 3) and (C,) rolling and twisting displacements (`RollingResistance`, `TwistingResistance`) [length];
+        None where nothing resists these.
 
     Raises
     ------
@@ -57,6 +61,8 @@ class TangentialDisplacements:
     image_cd: NDArray[np.int64]
     displacement_ck: NDArray[np.float64]
     bead_c2: NDArray[np.int64] | None = None
+    rolling_ck: NDArray[np.float64] | None = None
+    twisting_c: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         site = None if self.bead_c2 is None else ("bead_c2", self.bead_c2)
@@ -68,7 +74,15 @@ class TangentialDisplacements:
         if components == 3:
             # seen from the other end a vector turns round; the tangent of a plane does, too, and its component stays
             displacement = np.where(pairs.turned_p[:, None], 0.0 - displacement, displacement)
-        kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2)
+        rolling, twisting = self.rolling_ck, self.twisting_c
+        if rolling is not None:
+            rolling = finite_array("rolling_ck", rolling, shape=shape, what="contact")[pairs.order_p]
+            if components == 1:
+                # of rolling it is the other way round
+                rolling = np.where(pairs.turned_p[:, None], 0.0 - rolling, rolling)
+        if twisting is not None:
+            twisting = finite_array("twisting_c", twisting, shape=shape[:1], what="contact")[pairs.order_p]
+        kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2, rolling, twisting)
         for name, given in zip(_FIELDS, kept, strict=True):
             if given is not None:
                 array = np.ascontiguousarray(given)
@@ -98,7 +112,7 @@ class TangentialDisplacements:
     def moved(self, image_nd: NDArray[np.int64]) -> TangentialDisplacements:
         """Return the same displacements after the particles were moved: x = new x + lattice @ image."""
         image = self.image_cd + image_nd[self.j_c] - image_nd[self.i_c]
-        return TangentialDisplacements(self.i_c, self.j_c, image, self.displacement_ck, self.bead_c2)
+        return dataclasses.replace(self, image_cd=image)
 
     def numbered(self, number_n: NDArray[np.int64]) -> TangentialDisplacements | None:
         """Return them with particles renumbered, without those of particles with a negative number; None if all go."""
@@ -106,5 +120,9 @@ class TangentialDisplacements:
         keep = (i >= 0) & (j >= 0)
         if not keep.any():
             return None
-        bead = None if self.bead_c2 is None else self.bead_c2[keep]
-        return TangentialDisplacements(i[keep], j[keep], self.image_cd[keep], self.displacement_ck[keep], bead)
+        return self._replaced(i[keep], j[keep], keep)
+
+    def _replaced(self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], kept_c: NDArray[np.bool_]) -> Any:
+        """Return those that are kept, of other particles."""
+        named = {name: one for name in _FIELDS[2:] if (one := getattr(self, name)) is not None}
+        return TangentialDisplacements(i_c, j_c, **{name: one[kept_c] for name, one in named.items()})

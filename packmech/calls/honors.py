@@ -29,6 +29,7 @@ COLUMNS = {
     "repulsion": "pair potentials, such as Repulsion",
     "damping": "dashpots of contacts, such as ContactDamping",
     "friction": "tangential forces of contacts, such as Friction",
+    "rolling": "resistance of contacts to rolling and twisting, such as RollingResistance",
     "bonds": "springs between named particles: Bonds",
     "interactions": "forces of a range of their own between centers, and torques between directions",
     "gravity": "potentials of single particles, such as Gravity",
@@ -39,7 +40,7 @@ COLUMNS = {
     "shapes": "shapes other than discs and spheres",
     "breaking": "bonds that break: Bonds with breaks_at",
 }
-EFFECTS = tuple(COLUMNS)[:9]
+EFFECTS = tuple(COLUMNS)[:10]
 # columns of what a scene adds to its packing
 _OF_SCENES = (*EFFECTS, "breaking")
 # places at which a drag is asked whether it pushes what does not move
@@ -50,6 +51,7 @@ HONORED, NOTHING, REFUSED, ABSENT = "yes", "zero at rest", "refused", ""
 INSTEAD = {
     "damping": "pm.simulate",
     "friction": "pm.simulate or pm.contact_forces",
+    "rolling": "pm.simulate",
     "bonds": "pm.simulate or pm.oscillatory_shear",
     "interactions": "pm.simulate or pm.quench",
     "gravity": "pm.simulate or pm.quench or pm.settle",

@@ -50,7 +50,8 @@ class Ends(NamedTuple):
     push_ex
         (E, X) what a unit normal force does to the body.
     side_esx
-        (E, d - 1, X) what unit tangential forces along orthonormal directions do; (E, 0, X) without friction.
+        (E, d - 1, X) what unit tangential forces along orthonormal directions do; (E, 0, X) without friction. After
+        them what resists rolling about the same directions, and twisting, as far as the friction's coefficient lets it.
 
     """
 
@@ -198,37 +199,46 @@ def _is_free(
 
 
 @device
-def _farthest(push, side, count, mu, x, best):  # type: ignore[no-untyped-def]
+def _farthest(push, side, groups, count, mu, x, best):  # type: ignore[no-untyped-def]
     """Write the wrench that lies farthest against x; return its product with x."""
-    sides, p = side.shape[1:]
+    p = push.shape[1]
     lowest = math.inf
     chosen = 0
     for k in range(count):
-        along = square = 0.0
+        value = 0.0
         for a in range(p):
-            along += x[a] * push[k, a]
-        for s in range(sides):
-            part = 0.0
-            for a in range(p):
-                part += x[a] * side[k, s, a]
-            square += part * part
-        value = along - mu * math.sqrt(square)
+            value += x[a] * push[k, a]
+        first = 0
+        for last in groups:
+            square = 0.0
+            for s in range(first, last):
+                part = 0.0
+                for a in range(p):
+                    part += x[a] * side[k, s, a]
+                square += part * part
+            value -= mu * math.sqrt(square)
+            first = last
         if value < lowest:
             lowest = value
             chosen = k
-    square = 0.0
     for a in range(p):
-        best[a] = 0.0
-    for s in range(sides):
-        part = 0.0
-        for a in range(p):
-            part += x[a] * side[chosen, s, a]
-        square += part * part
-        for a in range(p):
-            best[a] += part * side[chosen, s, a]
-    scale = -mu / math.sqrt(square) if square > 0.0 else 0.0
-    for a in range(p):
-        best[a] = push[chosen, a] + scale * best[a]
+        best[a] = push[chosen, a]
+    first = 0
+    for last in groups:
+        square = 0.0
+        for s in range(first, last):
+            part = 0.0
+            for a in range(p):
+                part += x[a] * side[chosen, s, a]
+            square += part * part
+        scale = -mu / math.sqrt(square) if square > 0.0 else 0.0
+        for s in range(first, last):
+            part = 0.0
+            for a in range(p):
+                part += x[a] * side[chosen, s, a]
+            for a in range(p):
+                best[a] += scale * part * side[chosen, s, a]
+        first = last
     return lowest
 
 
@@ -269,10 +279,10 @@ def _nearest_weights(point, used, gram, weight):  # type: ignore[no-untyped-def]
 
 
 @device
-def can_balance(push, side, count, mu):  # type: ignore[no-untyped-def]
+def can_balance(push, side, groups, count, mu):  # type: ignore[no-untyped-def]
     """Return whether forces in the friction cones of the first `count` contacts can balance without being all zero.
 
-    `push` (K, p) and `side` (K, s, p) are rows as in `Ends`, of mu = 0 without friction.
+    `push` (K, p) and `side` (K, s, p) are rows as in `Ends`, of mu = 0 without friction; `groups` as there.
     """
     p = push.shape[1]
     room = p + 2
@@ -290,7 +300,7 @@ def can_balance(push, side, count, mu):  # type: ignore[no-untyped-def]
             square += x[a] * x[a]
         if square <= _BALANCED * _BALANCED:
             return True
-        value = _farthest(push, side, count, mu, x, best)  # type: ignore[no-untyped-call]
+        value = _farthest(push, side, groups, count, mu, x, best)  # type: ignore[no-untyped-call]
         # all wrenches lie beyond a plane across x
         if value > _BALANCED * math.sqrt(square):
             return False
@@ -336,7 +346,7 @@ def can_balance(push, side, count, mu):  # type: ignore[no-untyped-def]
 
 @kernel
 def _find_rattling(  # type: ignore[no-untyped-def]
-    start, order, other, push, side, d, mu, rotates, queue, length, waiting, rattling
+    start, order, other, push, side, groups, d, mu, rotates, queue, length, waiting, rattling
 ):
     """Mark the bodies that rattle; order[start[i]:start[i+1]] are the ends of body i, rotates None where none does.
 
@@ -370,7 +380,7 @@ def _find_rattling(  # type: ignore[no-untyped-def]
         else:
             if rotates[i]:
                 enough = mu > 0.0 or count > d
-                held = enough and can_balance(pushes, sides, count, mu)  # type: ignore[no-untyped-call]
+                held = enough and can_balance(pushes, sides, groups, count, mu)  # type: ignore[no-untyped-call]
             else:
                 held = not _is_free(pushes, d, x, y, angle, count)
         if held:
@@ -390,6 +400,7 @@ def rattling_bodies(
     dimension: int,
     *,
     friction: float = 0.0,
+    groups: tuple[int, ...] | None = None,
     held_b: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
     """Return (B,) which bodies their contacts with bodies that do not rattle leave free.
@@ -404,6 +415,10 @@ def rattling_bodies(
         Number of Cartesian axes.
     friction
         Coefficient of friction [1].
+    groups
+        Numbers of the first tangential rows of a contact, of the first two kinds, and so on, whose forces are at most
+        friction times the normal force together: sliding, then rolling, then twisting. All are of one kind unless
+        given.
     held_b
         (B,) bodies that never rattle; none unless given.
 
@@ -418,9 +433,10 @@ def rattling_bodies(
     waiting = np.ones(bodies, dtype=bool)
     # what judges bodies that turn is compiled where there are any
     rotates = turns_b if turns_b.any() else None
+    kinds = np.array((ends.side_esx.shape[1],) if groups is None else groups, dtype=np.int64)
     _find_rattling(
-        start, order, ends.other_e, ends.push_ex, ends.side_esx, dimension, float(friction), rotates, queue, len(free),
-        waiting, rattling,
+        start, order, ends.other_e, ends.push_ex, ends.side_esx, kinds, dimension, float(friction), rotates, queue,
+        len(free), waiting, rattling,
     )  # fmt: skip
     return rattling
 
@@ -433,7 +449,12 @@ def ends_of(contacts: PairGeometry) -> Ends:
     return Ends(body, other, push, np.zeros((len(body), 0, push.shape[1])))
 
 
-def rough_ends_of(contacts: PairGeometry, arm_2cd: NDArray[np.float64], turn_nkt: NDArray[np.float64]) -> Ends:
+def rough_ends_of(
+    contacts: PairGeometry,
+    arm_2cd: NDArray[np.float64],
+    turn_nkt: NDArray[np.float64],
+    moment_kc: Sequence[NDArray[np.float64] | None] = (),
+) -> Ends:
     """Return the ends of contacts with friction, which turns particles whatever their shape.
 
     Parameters
@@ -444,6 +465,9 @@ def rough_ends_of(contacts: PairGeometry, arm_2cd: NDArray[np.float64], turn_nkt
         (2, C, d) vectors from the centers of i and of j to the point of contact [length].
     turn_nkt
         (N, K, t) rotations per length of each coordinate of turns, of discs and spheres, too.
+    moment_kc
+        (C,) torques that a unit of force against rolling is worth, and of force against twisting [length]; None for
+        what nothing resists.
 
     """
     i, j, d = contacts.i_c, contacts.j_c, contacts.dimension
@@ -459,7 +483,14 @@ def rough_ends_of(contacts: PairGeometry, arm_2cd: NDArray[np.float64], turn_nkt
     sides = []
     for end, arm_cd in zip((i, j), arm_2cd, strict=True):
         moment = _cross(arm_cd[:, None], across)
-        sides.append(np.concatenate([across, np.einsum("ckt,cst->csk", turn_nkt[end], moment)], axis=2))
+        rows = [np.concatenate([across, np.einsum("ckt,cst->csk", turn_nkt[end], moment)], axis=2)]
+        # torques along all directions across in space, along the third axis in a plane; then along the normal
+        axes = (np.ones((len(i), 1, 1)) if d == 2 else across), normal[:, None]
+        for axis, size_c in zip(axes, moment_kc, strict=False):
+            if size_c is not None:
+                turned = np.einsum("ckt,cst->csk", turn_nkt[end], size_c[:, None, None] * axis)
+                rows.append(np.concatenate([np.zeros((*turned.shape[:2], d)), turned], axis=2))
+        sides.append(np.concatenate(rows, axis=1))
     return Ends(np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate(push), np.concatenate(sides))
 
 

@@ -131,7 +131,7 @@ def pull_of_bond(bonds, laws, b, dx, dy, dz):
     across = across_contact(axes, slip, force, x, y, z, 0.0)
     return Pull(
         first * nx + across.fx, first * ny + across.fy, first * nz + across.fz,
-        torque_of(slip.lever_i, across), torque_of(slip.lever_j, across), first, across,
+        torque_of(slip.lever_i, across), torque_of(slip.lever_j, across), first, across, None,
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics import rigid_bodies as of_bodies
 from packmech.dynamics import shape_pairs as of_spheroids
-from packmech.dynamics.friction import slip_of_discs, turning_axes
+from packmech.dynamics.friction import relax_columns, slip_of_discs, turning_axes
 from packmech.dynamics.rigid_bodies import BodyRows, body_rows
 from packmech.effects import body_energy, body_force
 from packmech.jit.by_type import by_type
@@ -178,12 +178,8 @@ def _first_column(shapes, axes, stretch_pk, pair, k):
 
 
 @inlined
-def _relax_one(shapes, axes, stretch_pk, p):
-    if stretch_pk is not None:
-        stretch_pk[p, 0] = 0.0
-        if len(axes) == 3:
-            stretch_pk[p, 1] = 0.0
-            stretch_pk[p, 2] = 0.0
+def _relax_one(shapes, columns, stretch_pk, p):
+    relax_columns(columns, stretch_pk, p, 0)
 
 
 @inlined

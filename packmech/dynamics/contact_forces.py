@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from numba import literal_unroll, types
+from numba import literal_unroll
 
 from packmech.dynamics.by_shape import (
     contact_axes,
@@ -26,14 +26,25 @@ from packmech.dynamics.friction import (
     Across,
     Pull,
     Spring,
+    Turning,
     add_force,
     add_reaction,
+    reduced_arm,
     relax,
+    resist_rolling,
+    resist_twisting,
+    rolling_slip,
+    spring_columns,
     tangential_force,
     torque_of,
+    torque_of_rolling,
+    torque_of_twisting,
+    turning_axes,
+    twisting_slip,
 )
 from packmech.dynamics.stretches import inner_stretches
 from packmech.effects import (
+    RoughContacts,
     TouchingPair,
     damps,
     is_interaction,
@@ -42,6 +53,7 @@ from packmech.effects import (
     pair_first,
     pair_second,
 )
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, inlined
 from packmech.minimize.passes.pair_list import NO_SLOT, Pair, is_near, visit, walk_pairs
 
@@ -52,8 +64,9 @@ _NO_SPRING = Across(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 class ContactLaws(NamedTuple):
     """What acts at contacts, and what it depends on.
 
-    Effects on pairs, friction and shapes (None without), axes, rows, inverse masses and moments of inertia of these,
-    rates of the flow, the stretches of tangential springs, and at which time they are taken: a `Pace` or `Now`.
+    Effects on pairs, friction (with what resists rolling, `RoughContacts`) and shapes (None without), axes, rows, their
+    inverse masses and moments of inertia, rates of the flow, the stretches of tangential springs, and at which time
+    they are taken: a `Pace` or `Now`.
     """
 
     effects: Any
@@ -96,7 +109,7 @@ def energy_of(effects, touch):
 @inlined
 def _no_friction(friction, laws, pair, k, touch, u, normal):
     nothing = 0.0, 0.0, 0.0
-    return _NO_SPRING, nothing, nothing
+    return _NO_SPRING, None, nothing, nothing
 
 
 @inlined
@@ -104,17 +117,34 @@ def _friction_of_touch(friction, laws, pair, k, touch, u, normal):
     slip = slip_at_touch(laws.shapes, laws.axes, laws.body, pair, k, touch, u)
     spring = spring_of(laws, pair, k)
     across = tangential_force(friction, laws.axes, spring, slip, normal, laws.pace)
-    return across, torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
+    return across, None, torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
 
 
-def friction_at(friction: Any, laws: Any, pair: Any, k: Any, touch: Any, u: Any, normal: Any) -> Any:
-    """Return the tangential force and its torques on both rows; zeros without friction."""
-    raise NotImplementedError("contacts act in compiled loops")
+@inlined
+def _roughness_of_touch(rough, laws, pair, k, touch, u, normal):
+    axes, i, j = laws.axes, pair.i, pair.j
+    slip = slip_at_touch(laws.shapes, axes, laws.body, pair, k, touch, u)
+    spring = spring_of(laws, pair, k)
+    across = tangential_force(rough.friction, axes, spring, slip, normal, laws.pace)
+    on_i, on_j = torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
+    # its columns come after those of friction, then that of twisting
+    stretch, p, column = spring
+    column += len(turning_axes(rough.friction, axes))
+    arm = reduced_arm(slip)
+    roll, twist = rolling_slip(axes, laws.body, i, j, slip), twisting_slip(axes, laws.body, i, j, slip)
+    rolling = resist_rolling(rough.rolling, axes, Spring(stretch, p, column), roll, normal, laws.pace)
+    column += len(turning_axes(rough.rolling, axes))
+    twisting = resist_twisting(rough.twisting, axes, Spring(stretch, p, column), twist, normal, laws.pace)
+    rx, ry, rz = torque_of_rolling(rolling, arm, slip)
+    tx, ty, tz = torque_of_twisting(twisting, arm, slip)
+    x, y, z = rx + tx, ry + ty, rz + tz
+    on_i = on_i[0] + x, on_i[1] + y, on_i[2] + z
+    on_j = on_j[0] - x, on_j[1] - y, on_j[2] - z
+    return across, Turning(rolling, twisting), on_i, on_j
 
 
-@compiled_form(friction_at, inline=True)
-def _choose_friction_at(friction: Any, laws: Any, pair: Any, k: Any, touch: Any, u: Any, normal: Any) -> Any:
-    return _no_friction if isinstance(friction, types.NoneType) else _friction_of_touch
+# the tangential force, what resists rolling and twisting (None without), and torques on both rows
+friction_at = by_type(_friction_of_touch, {type(None): _no_friction, RoughContacts: _roughness_of_touch})
 
 
 def resistance_at(effects: Any, laws: Any, pair: Any, touch: Any, u: Any, elastic: Any) -> Any:
@@ -171,11 +201,11 @@ def pull_of_touch(laws, pair, k, touch):
         elastic += pair_first(one, touch.rho, touch.sigma)
     first = elastic + resistance_at(effects, laws, pair, touch, u, elastic)
     normal = abs(elastic) * steepness(laws.shapes, touch)
-    across, on_i, on_j = friction_at(laws.friction, laws, pair, k, touch, u, normal)
+    across, turning, on_i, on_j = friction_at(laws.friction, laws, pair, k, touch, u, normal)
     on_i, on_j = with_torques_of_slopes(laws.shapes, touch, first, on_i, on_j)
     return Pull(
         first * touch.x + across.fx, first * touch.y + across.fy, first * touch.z + across.fz,
-        on_i, on_j, normal, across,
+        on_i, on_j, normal, across, turning,
     )  # fmt: skip
 
 
@@ -187,7 +217,7 @@ def pull_beyond(effects, laws, pair):
     push = law.first / r if r > 0.0 else 0.0
     x, y, z = law.turning * x, law.turning * y, law.turning * z
     return law.energy, Pull(
-        push * pair.dx, push * pair.dy, push * pair.dz, (-x, -y, -z), (x, y, z), abs(law.first), _NO_SPRING
+        push * pair.dx, push * pair.dy, push * pair.dz, (-x, -y, -z), (x, y, z), abs(law.first), _NO_SPRING, None
     )
 
 
@@ -235,7 +265,7 @@ def _push(pushing, laws, pair, value):
             slot_qk[slot, a] = 0.0
     push_beyond(laws.effects, pushing, laws, pair)
     if not is_near(laws, pair):
-        relax_all(laws.shapes, axes, laws.stretch_pk, pair.p)
+        relax_all(laws.shapes, spring_columns(laws.friction, axes), laws.stretch_pk, pair.p)
         return value
     for k in range(touches_of(laws.shapes, pair.i, pair.j)):
         touch = touch_of_rows(laws.shapes, axes, laws.body, pair, k)
@@ -247,7 +277,7 @@ def _push(pushing, laws, pair, value):
             else:
                 add_reaction(axes, spins, slot_qk, slot, pull)
         else:
-            relax(axes, spring_of(laws, pair, k))
+            relax(laws.friction, axes, spring_of(laws, pair, k))
     return value
 
 

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from packmech.dynamics.by_shape import touch_of_rows, touches_of
 from packmech.dynamics.contact_forces import laws_of, pull_of_touch, spring_of
+from packmech.dynamics.friction import turning_axes
+from packmech.effects import RoughContacts
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
 
@@ -46,7 +49,7 @@ def _write_down(records, laws, pair, value):
                 force_pd[p, 0] += pull.fx
                 force_pd[p, 1] += pull.fy
                 force_pd[p, 2] += pull.fz
-                _write_stretch(laws.axes, records.stretch_pk, p, spring_of(laws, pair, k).k, pull.across)
+                _write_stretches(laws.friction, laws.axes, records.stretch_pk, p, spring_of(laws, pair, k).k, pull)
     return value
 
 
@@ -57,6 +60,33 @@ def _write_stretch(axes, stretch_pk, p, k, across):
         if len(axes) == 3:
             stretch_pk[p, k + 1] = across.y
             stretch_pk[p, k + 2] = across.z
+
+
+@inlined
+def _write_sliding(friction, axes, stretch_pk, p, k, pull):
+    _write_stretch(axes, stretch_pk, p, k, pull.across)
+
+
+@inlined
+def _write_rough(rough, axes, stretch_pk, p, k, pull):
+    _write_stretch(axes, stretch_pk, p, k, pull.across)
+    k += len(turning_axes(rough.friction, axes))
+    _write_turning(pull.turning.rolling, axes, stretch_pk, p, k)
+    _write_turning(pull.turning.twisting, (0, 1), stretch_pk, p, k + len(turning_axes(rough.rolling, axes)))
+
+
+@inlined
+def _write_nothing(across, axes, stretch_pk, p, k):
+    return None
+
+
+@inlined
+def _write_across(across, axes, stretch_pk, p, k):
+    _write_stretch(axes, stretch_pk, p, k, across)
+
+
+_write_turning = by_type(_write_across, {type(None): _write_nothing})
+_write_stretches = by_type(_write_sliding, {RoughContacts: _write_rough})
 
 
 @lean

@@ -38,10 +38,18 @@ from packmech.dynamics.deformation import (
     gamma_at,
     set_flow,
 )
-from packmech.dynamics.friction import Now, leading_share
+from packmech.dynamics.friction import Now, leading_share, spring_columns
 from packmech.dynamics.observables import COLUMNS, POTENTIAL, TANGENTIAL, Ledger, append_due, measure
 from packmech.dynamics.stability import step_condition
-from packmech.dynamics.stretches import Stretches, blocks_of, empty_track, read_stretches, write_stretches
+from packmech.dynamics.stretches import (
+    Stretches,
+    blocks_of,
+    columns_of,
+    empty_track,
+    read_stretches,
+    split_columns,
+    write_stretches,
+)
 from packmech.dynamics.time_step import (
     BREAKING,
     FORCES,
@@ -59,15 +67,18 @@ from packmech.dynamics.time_step import (
 from packmech.effects import (
     Bonds,
     Friction,
+    RollingResistance,
+    TwistingResistance,
     Walls,
     bonds_of,
     damps,
-    friction_of,
     held_particles,
     held_velocity,
     is_interaction,
     reach_beyond_contact,
     refuse_tangential_bonds,
+    resistances,
+    roughness_of,
 )
 from packmech.jit.compiled import kernel
 from packmech.links import Links, one_way
@@ -361,7 +372,7 @@ class Engine:
         """
         # springs are ahead of the time by the slip of what is to come, which the forces add again
         now = record_contacts(self.system, self.now).stretch_pk
-        held = read_stretches(self.pairs, None if now is None else Track(now, now), len(self.axes))
+        held = read_stretches(self.pairs, None if now is None else Track(now, now), self._spring_columns)
         keep, stretch = np.ones(len(place_b), dtype=bool), np.empty_like(stretch_bk)
         keep[place_b[broken]], stretch[place_b] = False, stretch_bk
         bonds = self.bonds
@@ -416,7 +427,12 @@ class Engine:
 
     def stretches(self) -> Stretches:
         """Return the springs that are stretched, by rows and images of the loops' lattice."""
-        return read_stretches(self.pairs, self.track, len(self.axes))
+        return read_stretches(self.pairs, self.track, self._spring_columns)
+
+    @property
+    def _spring_columns(self) -> int:
+        """Numbers of the springs of one touch."""
+        return len(spring_columns(self.acting.friction, self.axes))
 
     def _set_springs(self, given: TangentialDisplacements) -> None:
         """Set the springs of the listed pairs to the packing's displacements, which the first forces are made of."""
@@ -426,7 +442,7 @@ class Engine:
         whole = given.image_cd + self.wrap_nd[given.j_c] - self.wrap_nd[given.i_c]
         image = whole @ np.rint(np.linalg.inv(self.change_dd)).astype(np.int64).T
         i, j, image, turned = one_way(row[given.i_c], row[given.j_c], image)
-        spring = np.where(turned[:, None] & (d == 3), -given.displacement_ck, given.displacement_ck)
+        spring = columns_of(self.acting.friction, self.axes, given, turned)
         bead = np.zeros((len(i), 2), dtype=np.int64) if given.bead_c2 is None else given.bead_c2
         bead = np.where(turned[:, None], bead[:, ::-1], bead)
         full = np.zeros((len(i), 3), dtype=np.int64)
@@ -435,7 +451,8 @@ class Engine:
 
     def tangential(self) -> TangentialDisplacements | None:
         """Return the displacements of the contacts' tangential springs now; None where all are slack."""
-        if self.track is None or self.acting.friction.coefficient == 0.0:
+        friction = self.acting.friction
+        if self.track is None or not any(one.coefficient for one in resistances(friction)):
             return None
         if not self.started:
             return self.scene.packing.tangential
@@ -443,12 +460,13 @@ class Engine:
         # a run that went astray has nothing to hand on
         if now is None or not now.any() or not np.isfinite(now).all():
             return None
-        held = read_stretches(self.pairs, Track(now, now), len(self.axes))
+        held = read_stretches(self.pairs, Track(now, now), self._spring_columns)
         # from rows and images of the loops' lattice to particles, their places and the scene's box
         i, j = self.order_n[held.i_c], self.order_n[held.j_c]
         image = held.image_cd[:, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
         bead = held.bead_c2 if self.scene.packing.shapes.has_beads else None
-        return TangentialDisplacements(i, j, image, held.stretch_ck, bead)
+        sliding, rolling, twisting = split_columns(friction, self.axes, held.stretch_ck)
+        return TangentialDisplacements(i, j, image, sliding, bead, rolling, twisting)
 
     def packing(self) -> Packing:
         """Return the packing as it is now, with its box, turns and tangential displacements."""
@@ -521,10 +539,10 @@ class Engine:
 
     def _empty_lists(self) -> None:
         """Empty the pair lists; tangential springs of the pairs in them are dropped."""
-        d = len(self.axes)
         skin, beyond = (float(self.pairs.number[one]) for one in (SKIN_FULL, BEYOND))
         self.pairs = empty_list(len(self.order_n), skin, beyond, row_b=self.pairs.row_b, width=self.state.push.shape[1])
-        self.track = None if self.track is None else empty_track(d, most_beads(self.scene.packing))
+        if self.track is not None:
+            self.track = empty_track(self._spring_columns, most_beads(self.scene.packing))
 
     def _link_rows(self) -> None:
         packing = self.scene.packing
@@ -654,7 +672,7 @@ class Engine:
             if missing:
                 raise ValueError(f"engine.stretch must hold {', '.join(missing)}, got none")
             pairs = len(arrays["engine.stretch.i_c"])
-            stretch = saved("stretch.stretch_ck", np.zeros((pairs, 1 if d == 2 else 3)))
+            stretch = saved("stretch.stretch_ck", np.zeros((pairs, self._spring_columns)))
             image, bead = (
                 saved(f"stretch.{name}", np.zeros((pairs, k), dtype=np.int64))
                 for name, k in (("image_cd", 3), ("bead_c2", 2))
@@ -704,7 +722,7 @@ def refuse_misfits(scene: Scene) -> None:
     tangential spring.
     """
     _refuse_shapes(scene)
-    for kind in (Friction, Bonds):
+    for kind in (Friction, Bonds, RollingResistance, TwistingResistance):
         number = sum(isinstance(one, kind) for one in scene.effects)
         if number > 1:
             raise ValueError(f"scene.effects must hold one {kind.__name__} at most, got {number}")
@@ -787,7 +805,7 @@ def build_engine(
         one for one in scene.effects if hasattr(type(one), "pair_energy") or damps(one) or is_interaction(one)
     )
     bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
-    friction, bonds = friction_of(scene.effects), bonds_of(scene.effects)
+    friction, bonds = roughness_of(scene.effects), bonds_of(scene.effects)
     shapes = packing.shapes
     turns = friction is not None or bonds is not None or shapes.has_orientations
     spins = 0 if not turns else 1 if d == 2 else 3
@@ -855,7 +873,9 @@ def build_engine(
         pairs=empty_list(
             n, skin, reach_beyond_contact(scene.effects, packing.radius_n), row_b=blocks_of(n), width=d + spins
         ),
-        track=empty_track(d, most_beads(packing)) if friction is not None else None,
+        track=None
+        if friction is None
+        else empty_track(len(spring_columns(friction, tuple(range(d)))), most_beads(packing)),
         dt=dt,
         second_order=second_order,
         resolution=np.finfo(np.float64).eps * extent,

@@ -18,8 +18,9 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from packmech.effects import bonds_of, friction_or_zero
+from packmech.effects import RoughContacts, bonds_of, friction_or_zero, resistances, roughness_of
 from packmech.effects.pair import hook_of
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -82,10 +83,17 @@ class Across(NamedTuple):
     sliding: float
 
 
+class Turning(NamedTuple):
+    """What resists rolling and twisting at a contact, each as `Across` has it; None for what a scene lacks."""
+
+    rolling: Any
+    twisting: Any
+
+
 class Pull(NamedTuple):
     """What two rows do to each other: force on i, torques on both, normal force, and what `Across` says of the spring.
 
-    The force on j is the opposite one.
+    The force on j is the opposite one. `turning` is what resists rolling and twisting; None without.
     """
 
     fx: float
@@ -95,6 +103,7 @@ class Pull(NamedTuple):
     on_j: Any
     normal: float
     across: Across
+    turning: Any
 
 
 @device
@@ -220,11 +229,12 @@ def slip_of_discs(axes, body, i, j, touch, u):
     """Return the slip of two rows of discs or spheres, from the velocity u of their centers."""
     share = touch.rho * (1.0 / touch.sigma)
     levers = body[i, 3] * share, body[j, 3] * share
-    return slip_of_round(axes, touch, levers, u, _spin(axes, body, i), _spin(axes, body, j))
+    return slip_of_round(axes, touch, levers, u, spin_of_round(axes, body, i), spin_of_round(axes, body, j))
 
 
 @inlined
-def _spin(axes, body, i):
+def spin_of_round(axes, body, i):
+    """Return the spin of a row of discs or spheres."""
     if len(axes) == 2:
         return 0.0, 0.0, body[i, 6]
     return body[i, 7], body[i, 8], body[i, 9]
@@ -320,6 +330,7 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
     """
     friction, bonds = friction_or_zero(scene.effects), bonds_of(scene.effects)
     springs = [(friction.stiffness, friction.damping)]
+    springs += [(one.stiffness, one.damping) for one in resistances(roughness_of(scene.effects))[1:]]
     if bonds is not None:
         springs.append((bonds.tangential_stiffness, bonds.tangential_damping))
     fastest = _FASTEST[scene.packing.dimension] * stiffening(scene.packing)[1]
@@ -406,16 +417,133 @@ def tangential_force(friction, axes, spring, slip, normal, pace):
     return _friction_in_space(friction, axes, spring, slip, normal, pace)
 
 
-@inlined
-def relax(axes, spring):
-    """Set the stretch of a contact that is open to zero; nothing where no stretches are held."""
-    _relax(axes, spring.stretch_pk, spring.p, spring.k)
+def spring_columns(friction: Any, axes: Any) -> Any:
+    """Return a tuple as long as a row of stretches of one touch is: sliding, rolling, then twisting; empty without."""
+    if not isinstance(friction, RoughContacts):
+        return turning_axes(friction, axes)
+    numbers = len(turning_axes(friction, axes))
+    return tuple(range(numbers * (1 + (friction.rolling is not None)) + (friction.twisting is not None)))
+
+
+@compiled_form(spring_columns)
+def _choose_spring_columns(friction: Any, axes: Any) -> Any:
+    if getattr(friction, "instance_class", None) is not RoughContacts:
+        return lambda friction, axes: turning_axes(friction, axes)
+    rolling, twisting = (not isinstance(one, types.NoneType) for one in friction.types[1:])
+    columns = tuple(range((3 if len(axes) == 3 else 1) * (1 + rolling) + twisting))
+    return lambda friction, axes: columns
 
 
 @inlined
-def _relax(axes, stretch_pk, p, k):
+def relax(friction, axes, spring):
+    """Set the stretches of a contact that is open to zero; nothing where none are held."""
+    relax_columns(spring_columns(friction, axes), spring.stretch_pk, spring.p, spring.k)
+
+
+@inlined
+def relax_columns(columns, stretch_pk, p, k):
+    """Set so many stretches of a pair to zero, from a first one on; nothing where none are held."""
     if stretch_pk is not None:
-        stretch_pk[p, k] = 0.0
-        if len(axes) == 3:
-            stretch_pk[p, k + 1] = 0.0
-            stretch_pk[p, k + 2] = 0.0
+        for a in range(len(columns)):
+            stretch_pk[p, k + a] = 0.0
+
+
+@inlined
+def _no_resistance(resistance, axes, spring, slip, normal, pace):
+    return None
+
+
+@inlined
+def _rolling_at(rolling, axes, spring, slip, normal, pace):
+    return tangential_force(rolling, axes, spring, slip, normal, pace)
+
+
+@inlined
+def _twisting_at(twisting, axes, spring, slip, normal, pace):
+    # one number, as the slip of a plane
+    return _friction_in_plane(twisting, (0, 1), spring, slip, normal, pace)
+
+
+# what resists rolling or twisting by a slip of its own; None where a scene lacks it
+resist_rolling = by_type(_rolling_at, {type(None): _no_resistance})
+resist_twisting = by_type(_twisting_at, {type(None): _no_resistance})
+
+
+@inlined
+def reduced_arm(slip):
+    """Return the length that makes lengths of the angles by which round rows roll on each other."""
+    both = slip.lever_i + slip.lever_j
+    return slip.lever_i * slip.lever_j / both if both > 0.0 else 0.0
+
+
+@inlined
+def rolling_slip(axes, body, i, j, slip):
+    """Return the rolling of two discs or spheres as a slip: a (w_j - w_i) x n, in a plane its component along t."""
+    wi, wj = spin_of_round(axes, body, i), spin_of_round(axes, body, j)
+    arm, nx, ny, nz = reduced_arm(slip), slip.nx, slip.ny, slip.nz
+    x, y, z = arm * (wj[0] - wi[0]), arm * (wj[1] - wi[1]), arm * (wj[2] - wi[2])
+    if len(axes) == 2:
+        return Slip(nx, ny, 0.0, arm, arm, z, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Slip(
+        nx, ny, nz, arm, arm, y * nz - z * ny, z * nx - x * nz, x * ny - y * nx, slip.ox, slip.oy, slip.oz
+    )  # fmt: skip
+
+
+@inlined
+def twisting_slip(axes, body, i, j, slip):
+    """Return the twisting of two spheres as a slip of one number: a (w_j - w_i).n."""
+    wi, wj = spin_of_round(axes, body, i), spin_of_round(axes, body, j)
+    arm = reduced_arm(slip)
+    along = (wj[0] - wi[0]) * slip.nx + (wj[1] - wi[1]) * slip.ny + (wj[2] - wi[2]) * slip.nz
+    return Slip(slip.nx, slip.ny, slip.nz, arm, arm, arm * along, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def _no_torque(resisting, arm, slip):
+    return 0.0, 0.0, 0.0
+
+
+@inlined
+def _rolling_torque(resisting, arm, slip):
+    return arm * resisting.mx, arm * resisting.my, arm * resisting.mz
+
+
+@inlined
+def _twisting_torque(resisting, arm, slip):
+    # in the first column of a plane
+    size = arm * resisting.mz
+    return size * slip.nx, size * slip.ny, size * slip.nz
+
+
+# torques on i of what resists rolling and twisting; those on j are the opposite ones
+torque_of_rolling = by_type(_rolling_torque, {type(None): _no_torque})
+torque_of_twisting = by_type(_twisting_torque, {type(None): _no_torque})
+
+
+@inlined
+def _no_energy(resistance, across):
+    return 0.0
+
+
+@inlined
+def _energy(resistance, across):
+    return 0.5 * resistance.stiffness * (across.x * across.x + across.y * across.y + across.z * across.z)
+
+
+# the energy of a spring from what `Across` says of it; 0 without
+_spring_energy = by_type(_energy, {type(None): _no_energy})
+
+
+@inlined
+def _energy_of_pull(friction, pull):
+    return _spring_energy(friction, pull.across)
+
+
+@inlined
+def _energy_of_rough_pull(rough, pull):
+    energy = _spring_energy(rough.friction, pull.across) + _spring_energy(rough.rolling, pull.turning.rolling)
+    return energy + _spring_energy(rough.twisting, pull.turning.twisting)
+
+
+# the energy of the springs of a contact, from what its pull says of them
+energy_of_springs = by_type(_energy_of_pull, {RoughContacts: _energy_of_rough_pull})

@@ -13,6 +13,8 @@ from packmech.dynamics.friction import stiffening
 from packmech.effects import (
     Bonds,
     Friction,
+    RollingResistance,
+    TwistingResistance,
     Walls,
     interaction_law,
     interactions_of,
@@ -149,7 +151,7 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             stiff.append(steep * abs(touch.second))
             damped.append(steep * sum(pair_damping(one, touch) for one in pairs))
     for one in scene.effects:
-        if isinstance(one, Friction):
+        if isinstance(one, Friction | RollingResistance | TwistingResistance):
             stiff.append(turned * one.stiffness)
             damped.append(turned * one.damping)
         elif isinstance(one, Bonds) and len(one):

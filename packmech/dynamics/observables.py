@@ -22,7 +22,7 @@ from packmech.dynamics.contact_forces import (
     pull_of_touch,
 )
 from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
-from packmech.dynamics.friction import Now
+from packmech.dynamics.friction import Now, energy_of_springs
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
@@ -204,21 +204,13 @@ def _add_up(summing, laws, pair, sums):
                 pull = pull_of_touch(laws, pair, k, touch)
                 sums = ContactSums(
                     sums.potential + energy_of(laws.effects, touch),
-                    sums.tangential + spring_energy(laws.friction, pull.across),
+                    sums.tangential + energy_of_springs(laws.friction, pull),
                     sums.contacts + 1.0,
                     sums.slides + pull.across.sliding,
                     sums.total + pull.normal,
                     dyad(summing.axes, sums.force, pull.fx, pull.fy, pull.fz, pair.dx, pair.dy, pair.dz),
                 )
     return sums
-
-
-@inlined
-def spring_energy(friction, across):
-    """Return the energy of a tangential spring; none without friction."""
-    if friction is None:
-        return 0.0
-    return 0.5 * friction.stiffness * (across.x * across.x + across.y * across.y + across.z * across.z)
 
 
 @inlined

@@ -320,7 +320,7 @@ def place_of_spring(bodies, axes, stretch_pk, pair, k):
 
 
 @inlined
-def relax_all(bodies, axes, stretch_pk, p):
+def relax_all(bodies, columns, stretch_pk, p):
     """Set all springs of a pair to zero; nothing where no stretches are held."""
     if stretch_pk is not None:
         for k in range(stretch_pk.shape[1]):

@@ -18,6 +18,8 @@ from packmech.effects import (
     is_bound,
     law_second,
     pair_damping,
+    resistances,
+    roughness_of,
 )
 from packmech.effects.pair import at_overlap
 from packmech.result import Condition
@@ -74,6 +76,10 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
         if friction is not None:
             sticking = friction.stiffness, friction.damping, turned * pair
             found.append(LoneMotion("the friction of a contact", *sticking, True))
+        for one in resistances(roughness_of(scene.effects))[1:]:
+            # two of one size: (r / 2)^2 over each moment of inertia
+            rolling = one.stiffness, one.damping, 0.25 * (turned - 1.0) * pair
+            found.append(LoneMotion("the resistance of a contact to rolling or twisting", *rolling, True))
     bonds = bonds_of(scene.effects)
     if bonds is not None and not packing.links:
         bond = float((inverse_mass_n[bonds.i_b] + inverse_mass_n[bonds.j_b]).max())

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.dynamics.friction import spring_columns, turning_axes
+from packmech.effects import RoughContacts
 from packmech.jit.compiled import device
 from packmech.minimize.passes.pair_list import PairList, Track, listed_pairs
+from packmech.tangential import TangentialDisplacements
 
 # rows of a block, at least; blocks, at most
 _ROWS, _BLOCKS = 320, 32
@@ -27,14 +30,26 @@ def blocks_of(rows: int) -> NDArray[np.int64]:
     return np.arange(blocks + 1, dtype=np.int64) * rows // blocks
 
 
-def empty_track(dimension: int, beads: int = 1) -> Track:
-    """Return a track without pairs, for an empty list; for bodies of up to so many beads."""
-    none = np.zeros((0, beads * beads * (1 if dimension == 2 else 3)))
+def empty_track(columns: int, beads: int = 1) -> Track:
+    """Return a track without pairs, for an empty list.
+
+    Parameters
+    ----------
+    columns
+        Numbers of the springs of one touch.
+    beads
+        How many beads a particle has at most: any two of two particles may touch.
+
+    """
+    none = np.zeros((0, beads * beads * columns))
     return Track(none, none.copy())
 
 
 class Stretches(NamedTuple):
-    """Pairs of rows (i < j, or i == j), images in the loops' lattice (C, 3), beads (C, 2), stretches (C, 1 or 3)."""
+    """Pairs of rows (i < j, or i == j), images in the loops' lattice (C, 3), beads (C, 2), and stretches of one touch.
+
+    Those of sliding in 1 or 3 columns, then of rolling in as many, then of twisting in one, where there are such.
+    """
 
     i_c: NDArray[np.int64]
     j_c: NDArray[np.int64]
@@ -65,14 +80,71 @@ class Stretches(NamedTuple):
             turned = own & (first < 0)
             image[turned] *= -1
             bead = np.where(turned[:, None], bead[:, ::-1], bead)
-            if stretch.shape[1] == 3:
+            if d == 3:
+                # nothing rolls or twists on itself
                 stretch = np.where(turned[:, None], -stretch, stretch)
         return Stretches(self.i_c, self.j_c, image, bead, stretch)
 
 
-def read_stretches(pairs: PairList, track: Track | None, dimension: int) -> Stretches:
-    """Return the stretches that are not zero, sorted by (i, j, image, beads); none without a track."""
-    components = 1 if dimension == 2 else 3
+def split_columns(
+    friction: Any, axes: tuple[int, ...], stretch_ck: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Return sliding (C, 1 or 3), rolling (C, 1 or 3) and twisting (C,) displacements of stretches; None for no such.
+
+    Parameters
+    ----------
+    friction, axes
+        Of the engine.
+    stretch_ck
+        As in `Stretches`.
+
+    """
+    sliding = len(turning_axes(friction, axes))
+    if not isinstance(friction, RoughContacts):
+        return stretch_ck, None, None
+    rolling = None if friction.rolling is None else stretch_ck[:, sliding : 2 * sliding]
+    return stretch_ck[:, :sliding], rolling, None if friction.twisting is None else stretch_ck[:, -1]
+
+
+def columns_of(
+    friction: Any, axes: tuple[int, ...], given: TangentialDisplacements, turned_c: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the stretches of a packing's displacements, zero for what it has none of.
+
+    Parameters
+    ----------
+    friction, axes
+        Of the engine.
+    given
+        The packing's.
+    turned_c
+        (C,) whether i and j of a row are exchanged.
+
+    """
+    count, sliding = len(given), len(turning_axes(friction, axes))
+    found = np.zeros((count, len(spring_columns(friction, axes))))
+    turned = turned_c[:, None]
+    found[:, :sliding] = np.where(turned & (sliding == 3), -given.displacement_ck, given.displacement_ck)
+    _, rolling, twisting = split_columns(friction, axes, found)
+    if rolling is not None and given.rolling_ck is not None:
+        # the tangent of a plane turns round with n, what rolls does not
+        rolling[:] = np.where(turned & (sliding == 1), -given.rolling_ck, given.rolling_ck)
+    if twisting is not None and given.twisting_c is not None:
+        twisting[:] = given.twisting_c
+    return found
+
+
+def read_stretches(pairs: PairList, track: Track | None, components: int) -> Stretches:
+    """Return the stretches that are not zero, sorted by (i, j, image, beads); none without a track.
+
+    Parameters
+    ----------
+    pairs, track
+        Of the engine.
+    components
+        Numbers of the springs of one touch.
+
+    """
     if track is None:
         none, two, three = (np.zeros((0, *more), dtype=np.int64) for more in ((), (2,), (3,)))
         return Stretches(none, none, three, two, np.zeros((0, components)))

@@ -71,6 +71,16 @@ from packmech.effects.pair import (
     registered_effects,
 )
 from packmech.effects.repulsion import Repulsion
+from packmech.effects.rolling import (
+    RollingResistance,
+    RoughContacts,
+    TwistingResistance,
+    refuse_rolling,
+    resistances,
+    rolling_of,
+    roughness_of,
+    twisting_of,
+)
 from packmech.effects.single import (
     ShapedTerms,
     SingleTerms,
@@ -113,6 +123,14 @@ __all__ = [
     "PlateauRepulsion",
     "PowerLaw",
     "Repulsion",
+    "RollingResistance",
+    "RoughContacts",
+    "TwistingResistance",
+    "refuse_rolling",
+    "resistances",
+    "rolling_of",
+    "roughness_of",
+    "twisting_of",
     "RepulsiveLennardJones",
     "ShapedTerms",
     "SingleTerms",

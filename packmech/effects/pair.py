@@ -147,7 +147,7 @@ def effect(cls: E) -> E:
     for name, function in hooks.items():
         if len(inspect.signature(function).parameters) != _HOOKS[name]:
             raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
-    if "tangential_force" in hooks and any("tangential_force" in known for known in _COMPILED.values()):
+    if "tangential_force" in hooks and not cls.__module__.startswith("packmech."):
         raise TypeError(f"effect {cls.__name__} must not define tangential_force: friction is that of Friction alone")
     said = getattr(cls, "acts_as", EFFECTS[0])
     if said not in EFFECTS:

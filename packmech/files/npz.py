@@ -9,7 +9,8 @@ displacements of contacts, which make it version 4, are ``tangential_i_c``, ``ta
 and ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them. Ellipses and spheroids, which make
 it version 5, are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them, and rigid
 bodies, which make it version 6, the fields of ``pm.Beads`` after ``bead_``; their tangential displacements, which make
-it version 7, have ``tangential_bead_c2``, too. Of a `Snapshot`, fields are arrays ``field_NAME``, forces of contacts
+it version 7, have ``tangential_bead_c2``, too; ``tangential_rolling_ck`` and ``tangential_twisting_c`` make version 8.
+Of a `Snapshot`, fields are arrays ``field_NAME``, forces of contacts
 ``contact_i_c`` and so on, springs ``bonds`` (a JSON table in bytes), and there is ``step``; none of them changes the
 packing, nor the version. Other arrays are left out, and listed in a warning.
 """
@@ -37,12 +38,13 @@ from packmech.tangential import TangentialDisplacements
 
 # a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
 # springs are slack of version 3; one of discs or spheres at most of version 4, one of spheroids of version 5
-_FORMAT_VERSION = 7
+_FORMAT_VERSION = 8
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 # arrays that belong together: what their names begin with, the names of their fields, and whose they are
 LINK_GROUP = ("link_", _LINK_ARRAYS, "links")
 _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "tangential displacements")
-_SPRING_BEADS = "tangential_bead_c2"
+# fields of tangential displacements that not all have
+_SPRINGS_ALSO = ("bead_c2", "rolling_ck", "twisting_c")
 _SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
 # of the arrays of shapes: what their names begin with, and the version of the format that has them
@@ -52,7 +54,7 @@ REQUIRED = ("position_nd", "radius_n", "lattice_dd")
 OWN = (
     *REQUIRED,
     "mass_n",
-    _SPRING_BEADS,
+    *(_TANGENTIAL[0] + name for name in _SPRINGS_ALSO),
     *(prefix + name for prefix, names, _ in (LINK_GROUP, _TANGENTIAL, _SPHEROIDS, _BEADS) for name in names),
 )
 FIELD, CONTACT = "field_", "contact_"
@@ -116,14 +118,18 @@ def packing_in(arrays: Mapping[str, Any]) -> Packing:
 def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
     """Return the tangential displacements that are written out in arrays, if there are any."""
     springs = _group(arrays, *_TANGENTIAL)
+    also = {name: arrays[whole] for name in _SPRINGS_ALSO if arrays.get(whole := _TANGENTIAL[0] + name) is not None}
     if springs is None:
-        if arrays.get(_SPRING_BEADS) is not None:
-            raise ValueError(f"it must hold all arrays of its tangential displacements, got {_SPRING_BEADS} alone")
+        if also:
+            alone = ", ".join(_TANGENTIAL[0] + name for name in also)
+            raise ValueError(f"it must hold all arrays of its tangential displacements, got {alone} alone")
         return None
     i_c, j_c, image_cd, displacement_ck = springs
     # the schema of gsd flattens a single column
     displacement_ck = displacement_ck.reshape(len(i_c), -1)
-    return TangentialDisplacements(i_c, j_c, image_cd, displacement_ck, arrays.get(_SPRING_BEADS))
+    if "rolling_ck" in also:
+        also["rolling_ck"] = also["rolling_ck"].reshape(len(i_c), -1)
+    return TangentialDisplacements(i_c, j_c, image_cd, displacement_ck, **also)
 
 
 def _shapes_in(arrays: Mapping[str, Any]) -> Shapes | None:
@@ -159,7 +165,8 @@ def write_npz(snapshot: Snapshot, path: Path, law: Any = None) -> None:
     packing = snapshot.packing
     own = arrays_of(packing)
     # the arrays that make a file one of a later version
-    needs = {"link_i_l": 2, "mass_n": 3, "tangential_i_c": 4, _SPRING_BEADS: 7}
+    needs = {"link_i_l": 2, "mass_n": 3, "tangential_i_c": 4, "tangential_bead_c2": 7, "tangential_rolling_ck": 8}
+    needs["tangential_twisting_c"] = 8
     version = max(_SHAPES[type(packing.shapes)][1], *(needs.get(name, 1) for name in own))
     arrays: dict[str, Any] = {"format_version": np.array(version), **own, **arrays_beside(snapshot)}
     if law is not None:
@@ -214,11 +221,12 @@ def arrays_of(packing: Packing) -> dict[str, Any]:
         found["mass_n"] = packing.given_mass_n
     springs = packing.tangential
     if springs is not None:
-        found |= {f"tangential_{name}": getattr(springs, name) for name in _TANGENTIAL[1]}
+        prefix = _TANGENTIAL[0]
+        found |= {prefix + name: getattr(springs, name) for name in _TANGENTIAL[1]}
+        also = {prefix + name: getattr(springs, name) for name in _SPRINGS_ALSO}
+        found |= {name: array for name, array in also.items() if array is not None}
     prefix, _ = _SHAPES[type(packing.shapes)]
     found |= {prefix + name: array for name, array in packing.shapes.arrays().items()}
-    if springs is not None and springs.bead_c2 is not None:
-        found[_SPRING_BEADS] = springs.bead_c2
     return found
 
 

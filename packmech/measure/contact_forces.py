@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -28,13 +29,15 @@ from packmech.effects import (
     friction_or_zero,
     held_particles,
     refuse_unknown_to_shapes,
+    rolling_of,
     shaped_terms,
     single_terms,
     total_push,
+    twisting_of,
 )
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
-from packmech.measure.friction import sum_both, tangential_forces
+from packmech.measure.friction import TurningForces, sum_both, tangential_forces, turning_forces
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -120,9 +123,16 @@ class ContactForces:
         """The energy of contacts and their tangential springs, interactions, what acts on single particles [energy]."""
         effects, pairs = self.scene.effects, self.contacts
         springs = tangential_forces(self.scene, pairs, self.normal_c).energy_c
+        if self.turning is not None:
+            springs = springs + self.turning.energy_c
         whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
         whole += float(np.add.reduce(self.interactions.energy_c))
         return whole + float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
+
+    @functools.cached_property
+    def turning(self) -> TurningForces | None:
+        """What resists rolling and twisting; None where nothing does."""
+        return turning_forces(self.scene, self.contacts, self.normal_c)
 
     @functools.cached_property
     def force_nd(self) -> NDArray[np.float64]:
@@ -158,6 +168,9 @@ class ContactForces:
         if contacts.slope_cx.shape[1] > d:
             turning = (self.normal_c / contacts.push_c)[:, None] * contacts.slope_cx[:, d:]
             on_i, on_j = on_i + turning[:, :k], on_j + turning[:, k:]
+        if self.turning is not None:
+            moment = self.turning.moment_ck(contacts.normal_cd)
+            on_i, on_j = on_i + moment, on_j - moment
         return on_i, on_j
 
     def _free(self, sum_nk: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -287,21 +300,29 @@ class ContactForces:
         is the rule of `find_rattlers`, for the force-bearing contacts. Particles that are held never rattle; those with
         a weight do where they touch nothing, linked ones where nothing touches their cluster.
         """
-        packing, mu = self.scene.packing, _coefficient(self.scene)
-        bearing, rough = self.contacts.select(self.bearing_c), None
+        packing, effects = self.scene.packing, self.scene.effects
+        bearing, rough, groups = self.contacts.select(self.bearing_c), None, None
+        turning = (rolling_of(effects), twisting_of(effects))
+        mu = _coefficient(self.scene)
         if mu > 0.0:
-            point = bearing.points(packing.radius_n)
-            rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk)
-        return rattlers_among(packing, bearing, self.scene.effects, rough=rough, friction=mu)
+            point, d = bearing.points(packing.radius_n), packing.dimension
+            arm = None if self.turning is None else self.turning.arm_c[self.bearing_c] / mu
+            moments = [None if one is None or arm is None else one.coefficient * arm for one in turning]
+            rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk, moments)
+            kinds = (d - 1, *(0 if one is None else rows for one, rows in zip(moments, (d - 1, 1), strict=True)))
+            groups = tuple(itertools.accumulate(kinds))
+        return rattlers_among(packing, bearing, effects, rough=rough, friction=mu, groups=groups)
 
     @property
     def spinning_n(self) -> NDArray[np.bool_]:
         """The (N,) spheres that friction holds by two contacts: each can spin about the chord between these.
 
-        Such a spin is a floppy mode of contacts that stick; in the plane there is none.
+        Such a spin is a floppy mode of contacts that stick; in the plane there is none, nor where contacts resist
+        rolling or twisting.
         """
         two = self.contacts.select(self._held_c()).count_n() == 2
-        return np.asarray(two & (self.contacts.dimension == 3) & (_coefficient(self.scene) > 0.0))
+        free = self.contacts.dimension == 3 and _coefficient(self.scene) > 0.0 and self.turning is None
+        return np.asarray(two & free)
 
     @property
     def coordination_number(self) -> float:
@@ -325,9 +346,11 @@ class ContactForces:
     def isostatic_coordination(self) -> float:
         """Least coordination number that can balance forces and torques, (d + 1) + 2 n_m / d, none held [1].
 
-        Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75, 010301 (2007); n_m is the number of contacts at the
-        limit per particle, which for discs and spheres tends to 1 in the plane and to 3 in space as friction vanishes:
-        then it is 2 d, as without friction, where their torques need no balance. Every link bears one force, too.
+        Where contacts resist rolling, twisting, or both, each has r numbers more, d - 1 and 1, and what is at its limit
+        there counts in n_m, too: (d (d + 1) + 2 n_m) / (d + r). Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75,
+        010301 (2007); n_m is the number of contacts at the limit per particle, which for discs and spheres tends to 1
+        in the plane and to 3 in space as friction vanishes: then it is 2 d, as without friction, where their torques
+        need no balance. Every link bears one force, too.
         """
         d, held = self.contacts.dimension, ~self.rattlers_n
         links, count = self.scene.packing.links, max(int(held.sum()), 1)
@@ -335,7 +358,23 @@ class ContactForces:
         if not _coefficient(self.scene) > 0.0:
             turns = int((self.scene.packing.turn_nkt[held] != 0.0).any(axis=2).sum())
             return 2.0 * (d + (turns - linked) / count)
-        return (d + 1) + 2.0 * (self.at_limit_per_particle - linked / count) / d
+        rolling, twisting = rolling_of(self.scene.effects), twisting_of(self.scene.effects)
+        rows = d + (d - 1) * (rolling is not None) + (twisting is not None)
+        limited = self.at_limit_per_particle + self._turning_at_limit() / count
+        return (d * (d + 1) + 2.0 * (limited - linked / count)) / rows
+
+    def _turning_at_limit(self) -> int:
+        """Return how many springs against rolling and twisting are at their limit, of contacts that bear."""
+        if self.turning is None:
+            return 0
+        effects, held = self.scene.effects, self._held_c()
+        rolled = np.sqrt((self.turning.rolling_cd**2).sum(axis=1))
+        both = ((rolling_of(effects), rolled), (twisting_of(effects), np.abs(self.turning.twisting_c)))
+        return sum(
+            int((find_at_limit(size, self.normal_c, one.coefficient, self.residual).at_limit_c & held).sum())
+            for one, size in both
+            if one is not None
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the counts by name, as plain values."""
@@ -367,7 +406,7 @@ def _coefficient(scene: Scene) -> float:
     return friction_or_zero(scene.effects).coefficient
 
 
-@honors("repulsion friction gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction rolling gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
@@ -479,7 +518,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction bonds interactions gravity walls held links shapes breaking",
+    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking",
     at_rest=True,
     link_tolerance=STRAINED,
 )

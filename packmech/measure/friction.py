@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.effects import friction_of
+from packmech.effects import friction_of, rolling_of, twisting_of
 from packmech.links import named_rows
 from packmech.scene import Scene
 
@@ -19,6 +19,25 @@ class TangentialForces(NamedTuple):
 
     force_cd: NDArray[np.float64]
     energy_c: NDArray[np.float64]
+
+
+class TurningForces(NamedTuple):
+    """What resists rolling and twisting: (C, d) and (C,) forces as of friction, and (C,) energies of their springs.
+
+    The arm (C,) makes torques of the forces: rolling turns i by arm n x f, twisting by arm f n, and j the other way.
+    """
+
+    rolling_cd: NDArray[np.float64]
+    twisting_c: NDArray[np.float64]
+    arm_c: NDArray[np.float64]
+    energy_c: NDArray[np.float64]
+
+    def moment_ck(self, normal_cd: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, 1 or 3) torques on i [force * length]."""
+        n, f = normal_cd, self.rolling_cd
+        if n.shape[1] == 2:
+            return (self.arm_c * (n[:, 0] * f[:, 1] - n[:, 1] * f[:, 0]))[:, None]
+        return self.arm_c[:, None] * (np.cross(n, f) + self.twisting_c[:, None] * n)
 
 
 def tangential_forces(
@@ -36,25 +55,74 @@ def tangential_forces(
         (C,) normal forces, positive for repulsion [force].
 
     """
-    count, d, friction = len(contacts), contacts.dimension, friction_of(scene.effects)
-    springs = scene.packing.tangential
-    if friction is None or springs is None:
-        return TangentialForces(np.zeros((count, d)), np.zeros(count))
-    displacement, normal = np.zeros((count, 1 if d == 2 else 3)), contacts.normal_cd
-    known, asked = ((one.i_c, one.j_c, one.image_cd) for one in (contacts, springs))
-    place = named_rows(known, asked, contacts.bead_c2, springs.bead_c2)
-    displacement[place[place >= 0]] = springs.displacement_ck[place >= 0]
-    if d == 3:
-        displacement = _laid_across(displacement, normal)
-    force = friction.stiffness * displacement
+    friction = friction_of(scene.effects)
+    displacement = _displacements(scene, contacts, "displacement_ck")
+    return _across(friction, displacement, contacts.normal_cd, normal_c)
+
+
+def turning_forces(
+    scene: Scene, contacts: Contacts | ShapeContacts, normal_c: NDArray[np.float64]
+) -> TurningForces | None:
+    """Return what resists rolling and twisting at the contacts; None where nothing does.
+
+    Parameters
+    ----------
+    scene, contacts, normal_c
+        As in `tangential_forces`.
+
+    """
+    rolling, twisting = rolling_of(scene.effects), twisting_of(scene.effects)
+    if rolling is None and twisting is None:
+        return None
+    radius = scene.packing.radius_n
+    one, other = radius[contacts.i_c], radius[contacts.j_c]
+    arm = one * other / (one + other) ** 2 * contacts.distance_c
+    rolled = _across(rolling, _displacements(scene, contacts, "rolling_ck"), contacts.normal_cd, normal_c)
+    twist = _displacements(scene, contacts, "twisting_c")
+    force, energy = _limited(twisting, twist, normal_c)
+    return TurningForces(rolled.force_cd, force[:, 0], arm, rolled.energy_c + energy)
+
+
+def _displacements(scene: Scene, contacts: Contacts | ShapeContacts, name: str) -> NDArray[np.float64]:
+    """Return the (C, k) displacements of one kind that the packing holds for its contacts; zeros for all others."""
+    springs, d = scene.packing.tangential, contacts.dimension
+    held = None if springs is None else getattr(springs, name)
+    found = np.zeros((len(contacts), 1 if d == 2 or name == "twisting_c" else 3))
+    if springs is not None and held is not None:
+        known, asked = ((one.i_c, one.j_c, one.image_cd) for one in (contacts, springs))
+        place = named_rows(known, asked, contacts.bead_c2, springs.bead_c2)
+        found[place[place >= 0]] = held.reshape(len(springs), -1)[place >= 0]
+    return found
+
+
+def _limited(
+    resistance: Any, displacement_ck: NDArray[np.float64], normal_c: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return forces of springs as far as their limit lets them, and their energies; zeros where nothing resists."""
+    if resistance is None:
+        return np.zeros_like(displacement_ck), np.zeros(len(displacement_ck))
+    force = resistance.stiffness * displacement_ck
     size = np.sqrt((force**2).sum(axis=1))
-    cap = friction.coefficient * np.abs(normal_c)
+    cap = resistance.coefficient * np.abs(normal_c)
     force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
-    if d == 2:
-        force = np.stack([-normal[:, 1], normal[:, 0]], axis=1) * force
     # a spring that gave way holds what its force is worth
-    stretch = np.minimum(size, cap) / friction.stiffness if friction.stiffness > 0.0 else np.zeros(count)
-    return TangentialForces(force, 0.5 * friction.stiffness * stretch**2)
+    stretch = np.minimum(size, cap) / resistance.stiffness if resistance.stiffness > 0.0 else np.zeros(len(force))
+    return force, 0.5 * resistance.stiffness * stretch**2
+
+
+def _across(
+    resistance: Any,
+    displacement_ck: NDArray[np.float64],
+    normal_cd: NDArray[np.float64],
+    normal_c: NDArray[np.float64],
+) -> TangentialForces:
+    """Return the forces of springs across contacts, from displacements as the engine holds them."""
+    d = normal_cd.shape[1]
+    displacement = _laid_across(displacement_ck, normal_cd) if d == 3 else displacement_ck
+    force, energy = _limited(resistance, displacement, normal_c)
+    if d == 2:
+        force = np.stack([-normal_cd[:, 1], normal_cd[:, 0]], axis=1) * force
+    return TangentialForces(force, energy)
 
 
 def _laid_across(displacement_c3: NDArray[np.float64], normal_c3: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -69,6 +69,7 @@ def rattlers_among(
     *,
     rough: Ends | None = None,
     friction: float = 0.0,
+    groups: tuple[int, ...] | None = None,
 ) -> NDArray[np.bool_]:
     """Return (N,) which particles contacts with others, walls and what is held leave free to move.
 
@@ -82,8 +83,8 @@ def rattlers_among(
         The packing, its contacts and the scene's effects.
     rough
         The ends of the contacts with friction; those without unless given.
-    friction
-        Coefficient of friction [1].
+    friction, groups
+        Coefficient of friction [1], and the kinds of its rows as in `rattling_bodies`.
 
     """
     d, links = packing.dimension, links_and_bonds(packing, effects)
@@ -113,7 +114,7 @@ def rattlers_among(
     turns_b = np.zeros(bodies, dtype=bool)
     turns_b[cluster] = turns
     held_b = np.bincount(cluster, held, bodies) > 0
-    return rattling_bodies(ends, turns_b, d, friction=friction, held_b=held_b)[cluster]
+    return rattling_bodies(ends, turns_b, d, friction=friction, groups=groups, held_b=held_b)[cluster]
 
 
 def _interaction_ends(packing: Packing, effects: tuple[Any, ...], cluster_n: NDArray[np.int64]) -> Ends:

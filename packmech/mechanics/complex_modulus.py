@@ -48,11 +48,11 @@ from packmech.effects import (
 from packmech.effects.single import places_in_cell
 from packmech.jit.blas import single_thread
 from packmech.measure.contact_forces import rattlers_in
-from packmech.measure.friction import tangential_forces
+from packmech.measure.friction import tangential_forces, turning_forces
 from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.network import network_among
 from packmech.mechanics.relaxation import general_factors
-from packmech.mechanics.system import across_bonds, closed_terms, single_second
+from packmech.mechanics.system import across_bonds, closed_terms, single_second, turning_springs
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -233,7 +233,7 @@ def _touching(
 
 
 @honors(
-    "repulsion damping friction bonds interactions gravity drag shapes",
+    "repulsion damping friction rolling bonds interactions gravity drag shapes",
     remarks={
         "walls": "walls follow no strain of the box",
         "held": "give those that follow the box as held_n",
@@ -305,8 +305,10 @@ def complex_modulus(
         raise ValueError("scene must have contacts or bonds, got none")
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
     touching, damping = _touching(scene, contacts, moving / packing.mass_n)
-    springs = (touching, network.interactions.elements(), *across_bonds(scene.effects, network))
-    dashpots = (damping, *across_bonds(scene.effects, network, dashpots=True))
+    turning = turning_forces(scene, contacts, -closed_terms(scene, contacts).first_c)
+    also, among = (scene.effects, contacts, packing, turning), (scene.effects, network)
+    springs = (touching, network.interactions.elements(), *across_bonds(*among), *turning_springs(*also))
+    dashpots = (damping, *across_bonds(*among, dashpots=True), *turning_springs(*also, dashpots=True))
     single, gradients = single_second(scene, network), np.eye(d * d).reshape(-1, d, d)
     elastic = assemble(springs, turn, d, single_nqq=single, basis_edd=gradients)
     viscous = assemble(dashpots, turn, d, basis_edd=gradients)

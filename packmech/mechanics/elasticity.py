@@ -471,7 +471,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
 
 
 @shown_as("elastic moduli")
-@honors("repulsion friction bonds interactions links shapes", at_rest=True)
+@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
 def elastic_moduli(
     scene: Scene,
     *,

@@ -34,7 +34,7 @@ from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces, unless_at_rest
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
-from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms
+from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms, turning_springs
 from packmech.scene import Scene
 
 # kinds of stiffness
@@ -103,7 +103,8 @@ def frictional_system(
         sliding_c,
         kind,
     )
-    surfaces = (contacts, *across_bonds(scene.effects, network))
+    turning = turning_springs(scene.effects, network.contacts, network.packing, found.forces.turning, kind)
+    surfaces = (contacts, *turning, *across_bonds(scene.effects, network))
     return assembled_system(scene, network, kind, surfaces=surfaces), beyond
 
 
@@ -152,7 +153,7 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
     return SlidingResponse(system, relaxation, sliding, False)
 
 
-@honors("repulsion friction bonds interactions links shapes", at_rest=True)
+@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
 def stiffness_matrix(
     scene: Scene,
     strain: BoxStrain = "free",
@@ -290,7 +291,7 @@ class FrictionalModes:
 
 
 @shown_as("frictional modes")
-@honors("repulsion friction bonds interactions links shapes", at_rest=True)
+@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
 def frictional_modes(
     scene: Scene,
     count: int | None = None,

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from packmech.check import Kind
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts
-from packmech.contacts.elements import Elements, elements_of, sum_slopes
+from packmech.contacts.elements import Elements, PairGeometry, elements_of, sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.tangential_elements import tangential_elements
+from packmech.contacts.turning_elements import turning_elements
 from packmech.effects import (
     ContactTerms,
     acts_on_single,
@@ -32,10 +33,13 @@ from packmech.effects import (
     refuse_tangential_bonds,
     refuse_tangential_springs,
     refuse_unknown_to_shapes,
+    rolling_of,
     shaped_terms,
     single_terms,
+    twisting_of,
 )
 from packmech.linalg.mandel import mandel_basis, trace_vector
+from packmech.measure.friction import TurningForces
 from packmech.mechanics.assembly import Assembled, assemble
 from packmech.mechanics.network import Network, contact_network
 from packmech.packing import Packing
@@ -233,6 +237,41 @@ def across_bonds(effects: tuple[Any, ...], network: Network, *, dashpots: bool =
     if not across:
         return [elements_of(pairs, none, none + along)]
     return [tangential_elements(pairs, network.packing.radius_n, none, none + along, slack, across)[0]]
+
+
+def turning_springs(
+    effects: tuple[Any, ...],
+    contacts: PairGeometry,
+    packing: Packing,
+    forces: TurningForces | None,
+    kind: Kind = "exact",
+    *,
+    dashpots: bool = False,
+) -> list[Elements]:
+    """Return the springs against rolling and twisting of contacts, or their dashpots; or nothing.
+
+    Parameters
+    ----------
+    effects
+        The scene's effects.
+    contacts, packing
+        The contacts, and the packing whose particles they count.
+    forces
+        What these springs bear, contact by contact; None where nothing resists.
+    kind
+        "exact" or "unstressed".
+    dashpots
+        Whether dashpots are asked for.
+
+    """
+    if forces is None:
+        return []
+    resisting = (rolling_of(effects), twisting_of(effects))
+    rolling, twisting = (0.0 if one is None else float(one.damping if dashpots else one.stiffness) for one in resisting)
+    parts = (forces.rolling_cd, forces.twisting_c)
+    if dashpots:
+        parts, kind = (np.zeros_like(parts[0]), np.zeros_like(parts[1])), "unstressed"
+    return [turning_elements(contacts, packing.radius_n, *parts, (rolling, twisting), kind)]
 
 
 def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTerms:

@@ -16,7 +16,15 @@ from packmech.calls.status import shown_as
 from packmech.check import BoxStrain, function, instance, integer, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
-from packmech.effects import Friction, acting_contacts, acting_friction, acts_on_single, friction_of
+from packmech.effects import (
+    Friction,
+    RollingResistance,
+    TwistingResistance,
+    acting_contacts,
+    acting_friction,
+    acts_on_single,
+    friction_of,
+)
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
@@ -236,7 +244,7 @@ def examine(
     rough = acting_friction(scene.effects) is not None
     if not rough:
         # one of coefficient 0 is none
-        scene = scene.without(Friction)
+        scene = scene.without(Friction, RollingResistance, TwistingResistance)
     report = Report(scene, _counts(scene, strain), run=run)
     if rough and not verdict:
         report.missing |= {"modes": _WITH_FRICTION["modes"]} if modes else {}

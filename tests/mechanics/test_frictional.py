@@ -13,13 +13,14 @@ HARD = pm.Repulsion(pm.LinearSpring(1.0))
 
 
 @functools.cache
-def at_rest(dimension, mu=0.5, particles=32):
+def at_rest(dimension, mu=0.5, particles=32, rolling=False):
     """Return a frictional scene at rest with stretched springs, and without dashpots."""
     fraction = 0.95 if dimension == 2 else 0.76
     packing = pm.random_packing(particles, dimension=dimension, packing_fraction=fraction, seed=3)
-    damped = (HARD, pm.Friction(mu, 0.7, 0.3), pm.ContactDamping(0.3), pm.BackgroundDamping(0.3))
+    turning = (pm.RollingResistance(0.2, 0.4), pm.TwistingResistance(0.1, 0.6))[: dimension - 1] if rolling else ()
+    damped = (HARD, pm.Friction(mu, 0.7, 0.3), *turning, pm.ContactDamping(0.3), pm.BackgroundDamping(0.3))
     run = pm.simulate(pm.Scene(packing, damped), steps=6_000, dt=0.05)
-    scene = pm.Scene(run.packing, (HARD, pm.Friction(mu, 0.7)))
+    scene = pm.Scene(run.packing, (HARD, pm.Friction(mu, 0.7), *turning))
     assert pm.contact_forces(scene).residual < 1e-6
     return scene
 
@@ -73,12 +74,13 @@ def sticking(scene):
     springs = scene.packing.tangential
     found = pm.contact_forces(scene)
     assert len(springs) <= len(found.contacts)
-    return scene.replace(effects=(HARD, scene.effects[1]._replace(coefficient=1e6)))
+    return scene.replace(effects=(HARD, *(one._replace(coefficient=1e6) for one in scene.effects[1:])))
 
 
+@pytest.mark.parametrize("rolling", [False, True], ids=["sliding", "rolling"])
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_the_stiffness_matrix_is_the_derivative_of_the_engines_forces_and_torques(dimension):
-    scene = sticking(at_rest(dimension))
+def test_the_stiffness_matrix_is_the_derivative_of_the_engines_forces_and_torques(dimension, rolling):
+    scene = sticking(at_rest(dimension, rolling=rolling))
     velocity, spin = motions(scene)
     motion = as_motion(scene.packing, velocity, spin)
     ahead, behind = (pushes(scene, sign * velocity, sign * spin, STEP) for sign in (1.0, -1.0))
@@ -90,10 +92,11 @@ def test_the_stiffness_matrix_is_the_derivative_of_the_engines_forces_and_torque
     assert np.abs(bare + change).max() > 1e-3 * np.abs(change).max()
 
 
+@pytest.mark.parametrize("rolling", [False, True], ids=["sliding", "rolling"])
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_its_columns_of_strains_are_the_derivative_as_the_box_deforms(dimension):
+def test_its_columns_of_strains_are_the_derivative_as_the_box_deforms(dimension, rolling):
     """A box sheared along x is strained and turned; seen from an axis that turns with it, spins turn backwards."""
-    scene = sticking(at_rest(dimension))
+    scene = sticking(at_rest(dimension, rolling=rolling))
     n, d = scene.packing.position_nd.shape
     rng = np.random.default_rng(8)
     gradient = rng.normal(size=(d, d))

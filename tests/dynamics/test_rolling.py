@@ -1,0 +1,172 @@
+"""Facts about resistance to rolling and twisting: closed forms, conserved quantities, limits, and what is kept."""
+
+import math
+
+import numpy as np
+import pytest
+
+import packmech as pm
+
+SPRING = pm.Repulsion(pm.LinearSpring(1.0))
+# beyond any limit that is reached
+STRONG = 1e3
+
+
+def row(dimension, spins, *effects, overlap=0.02):
+    """Return two equal particles in a row of period two, and their spins about one axis: opposite ones do not slide."""
+    side = 2.0 * (1.0 - overlap)
+    lattice = np.diag([side, *[3.0] * (dimension - 1)])
+    place = np.full((2, dimension), 1.5)
+    place[:, 0] = [0.0, 0.5 * side]
+    packing = pm.Packing(place, [0.5, 0.5], pm.Box(lattice), mass_n=[1.0, 1.0])
+    return pm.Scene(packing, (SPRING, pm.Friction(STRONG, 0.7), *effects)), np.array(spins)
+
+
+ROLLING = [(2, None), (3, [0.0, 1.0, 0.0]), (3, [0.0, 0.6, -0.8])]
+
+
+@pytest.mark.parametrize(("dimension", "axis"), [*ROLLING, (3, [1.0, 0.0, 0.0])])
+def test_opposite_spins_oscillate_at_the_frequency_of_rolling_and_twisting_springs(dimension, axis):
+    rolling, twisting = pm.RollingResistance(STRONG, 0.3), pm.TwistingResistance(STRONG, 0.9)
+    effects = (rolling, twisting)[: dimension - 1]
+    unit = np.array([1.0] if axis is None else axis)
+    scene, spin = row(dimension, np.outer([1e-3, -1e-3], unit), *effects)
+    stiffness = 0.9 if axis == [1.0, 0.0, 0.0] else 0.3
+    inertia = (0.5 if dimension == 2 else 0.4) * 0.25
+    # I w' = -2 contacts A k (2 A angle), A half the arm of 0.49
+    omega = math.sqrt(4.0 * 0.245**2 * stiffness / inertia)
+    error = []
+    for steps in (100, 200):
+        run = pm.simulate(scene, steps=steps, dt=1.7 / omega / steps, spin_nk=spin)
+        error.append(run.spin_nk[0] @ unit / 1e-3 - math.cos(1.7))
+        np.testing.assert_allclose(run.spin_nk[1], -run.spin_nk[0], rtol=0, atol=1e-15)
+    assert abs(error[1]) < 1e-5
+    assert math.log2(error[0] / error[1]) == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize(("dimension", "axis"), [*ROLLING, (3, [1.0, 0.0, 0.0])])
+def test_spins_decay_at_a_constant_rate_where_the_limit_is_reached(dimension, axis):
+    effects = (pm.RollingResistance(0.05, 10.0), pm.TwistingResistance(0.03, 10.0))[: dimension - 1]
+    unit = np.array([1.0] if axis is None else axis)
+    scene, spin = row(dimension, np.outer([0.2, -0.2], unit), *effects)
+    coefficient = 0.03 if axis == [1.0, 0.0, 0.0] else 0.05
+    inertia = (0.5 if dimension == 2 else 0.4) * 0.25
+    # two contacts, the moment arm A times the limit: the normal force is 0.02
+    rate = 2.0 * 0.245 * coefficient * 0.02 / inertia
+    time = 0.8 * 0.2 / rate
+    runs = [pm.simulate(scene, duration=part * time, dt=1e-2, spin_nk=spin) for part in (0.5, 1.0)]
+    early, late = (run.spin_nk[0] @ unit for run in runs)
+    assert (early - late) / (0.5 * time) == pytest.approx(rate, rel=1e-3)
+
+
+def shaken(dimension, seed=2, coefficient=STRONG):
+    """Return a dense scene with all resistances, and random velocities and spins."""
+    packing = pm.random_packing(24, dimension=dimension, packing_fraction=0.9 if dimension == 2 else 0.7, seed=seed)
+    packing = pm.quench(pm.Scene(packing, (SPRING,)), force_tolerance=1e-6, check=False).packing
+    turning = (pm.RollingResistance(coefficient, 0.4), pm.TwistingResistance(coefficient, 0.3))[: dimension - 1]
+    scene = pm.Scene(packing, (SPRING, pm.Friction(coefficient, 0.7), *turning))
+    rng = np.random.default_rng(seed)
+    n, d = packing.position_nd.shape
+    velocity, spin = 0.02 * rng.normal(size=(n, d)), 0.05 * rng.normal(size=(n, 1 if d == 2 else 3))
+    return scene, {"velocity_nd": velocity, "spin_nk": spin}
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_energy_is_kept_to_second_order_and_momentum_to_rounding(dimension):
+    scene, start = shaken(dimension)
+
+    def drift(dt):
+        run = pm.simulate(scene, duration=4.0, dt=dt, trace_every=1, check=False, **start)
+        trace = run.trace
+        whole = trace.energy_t + trace.kinetic_t
+        return np.abs(whole - whole[0]).max() / np.abs(trace.energy_t).max(), run
+
+    coarse, fine = drift(0.02)[0], drift(0.005)[0]
+    assert math.log(coarse / fine) / math.log(4.0) == pytest.approx(2.0, abs=0.3)
+    assert fine < 1e-4
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_forces_torques_and_energy_at_rest_are_those_of_the_run(dimension):
+    scene, start = shaken(dimension, coefficient=0.3)
+    run = pm.simulate(scene, steps=400, dt=0.02, trace_every=400, check=False, **start)
+    there = scene.replace(packing=run.packing)
+    assert run.packing.tangential.rolling_ck.any()
+    assert dimension == 2 or run.packing.tangential.twisting_c.any()
+    assert run.trace.energy_t[-1] == pytest.approx(pm.energy(there), rel=1e-10)
+    on = pm.simulate(there, steps=1, dt=1e-9, velocity_nd=run.velocity_nd, spin_nk=run.spin_nk, check=False)
+    mass, k = there.packing.mass_n[:, None], run.spin_nk.shape[1]
+    inertia = (0.5 if dimension == 2 else 0.4) * mass * there.packing.radius_n[:, None] ** 2
+    turned = inertia * (on.spin_nk - run.spin_nk) / 1e-9
+    size = np.abs(turned).max()
+    np.testing.assert_allclose(pm.torques(there).reshape(-1, k), turned, rtol=0.0, atol=1e-5 * size)
+    bare = there.without(pm.RollingResistance, pm.TwistingResistance)
+    assert np.abs(pm.torques(bare).reshape(-1, k) - turned).max() > 1e-2 * size
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_run_that_goes_on_from_its_packing_or_its_checkpoint_is_the_same(dimension, tmp_path):
+    scene, start = shaken(dimension, coefficient=0.2)
+    whole = pm.simulate(scene, steps=600, dt=0.02, check=False, **start)
+    half = pm.simulate(scene, steps=300, dt=0.02, check=False, checkpoint=tmp_path / "half.ckpt", **start)
+    resumed = pm.resume(tmp_path / "half.ckpt", steps=600)
+    np.testing.assert_array_equal(resumed.packing.position_nd, whole.packing.position_nd)
+    assert resumed.packing.tangential == whole.packing.tangential
+    pm.write_packing(half.packing, tmp_path / "half.npz")
+    kept = pm.read_packing(tmp_path / "half.npz")
+    assert kept == half.packing and kept.tangential.rolling_ck is not None
+    more = {"velocity_nd": half.velocity_nd, "spin_nk": half.spin_nk}
+    on = pm.simulate(scene.replace(packing=kept), steps=300, dt=0.02, check=False, **more)
+    np.testing.assert_allclose(on.spin_nk, whole.spin_nk, rtol=0.0, atol=1e-11)
+
+
+def test_seen_from_the_other_end_a_rolling_displacement_is_the_same():
+    plane = pm.TangentialDisplacements([1], [0], [[0, 0]], [[0.1]], rolling_ck=[[0.2]])
+    assert plane == pm.TangentialDisplacements([0], [1], [[0, 0]], [[0.1]], rolling_ck=[[-0.2]])
+    space = pm.TangentialDisplacements([1], [0], [[0] * 3], [[0.1, 0, 0]], rolling_ck=[[0.2, 0, 0]], twisting_c=[0.3])
+    back = pm.TangentialDisplacements([0], [1], [[0] * 3], [[-0.1, 0, 0]], rolling_ck=[[0.2, 0, 0]], twisting_c=[0.3])
+    assert space == back
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_order_of_particles_is_of_no_matter(dimension):
+    scene, start = shaken(dimension, coefficient=0.3)
+    packing = pm.simulate(scene, steps=200, dt=0.02, check=False, **start).packing
+    order = np.random.default_rng(1).permutation(packing.particles)
+    one = pm.torques(scene.replace(packing=packing))
+    other = pm.torques(scene.replace(packing=packing.select(order)))
+    np.testing.assert_allclose(other, one[order], rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize(("slope", "rolls"), [(0.9, False), (1.1, True)])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_disc_or_sphere_on_a_slope_rolls_above_the_angle_of_its_rolling_resistance(dimension, slope, rolls):
+    """On a disc or sphere a thousand times larger that is held: a plane."""
+    angle, mu = math.atan(0.1 * slope), 0.1
+    place = np.full((2, dimension), 2500.0)
+    place[1, 1] += 1000.5 - 1e-3
+    packing = pm.Packing(place, [1000.0, 0.5], pm.Box.cubic(5000.0, dimension), mass_n=[1.0, 1.0])
+    weight = pm.Gravity(1e-3 * math.sin(angle), -1e-3 * math.cos(angle))
+    effects = (
+        SPRING, pm.Friction(0.8, 1.0, 0.5), pm.RollingResistance(mu, 1.0, 0.5), pm.ContactDamping(0.5),
+        pm.FixedParticles((0,)), weight,
+    )  # fmt: skip
+    run = pm.simulate(pm.Scene(packing, effects), duration=2000.0, dt=0.1)
+    moved = run.packing.position_nd[1, 0] - place[1, 0]
+    if rolls:
+        # (sin - mu cos) g t^2 / 2 over 1 + I / (m r^2)
+        due = 1e-3 * (math.sin(angle) - mu * math.cos(angle)) / (1.5 if dimension == 2 else 1.4) * 0.5 * 2000.0**2
+        assert moved == pytest.approx(due, rel=0.05)
+    else:
+        assert abs(moved) < 1e-2 and np.abs(run.spin_nk[1]).max() < 1e-6
+
+
+def test_what_has_no_meaning_is_refused():
+    plane = pm.lattice_packing("triangular", repeats=(3, 3))
+    with pytest.raises(ValueError, match="effects must hold Friction beside RollingResistance"):
+        pm.Scene(plane, (SPRING, pm.RollingResistance()))
+    with pytest.raises(ValueError, match="effects must hold no TwistingResistance in a plane"):
+        pm.Scene(plane, (SPRING, pm.Friction(), pm.TwistingResistance()))
+    ellipses = pm.random_packing(8, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(aspect=1.5), seed=1)
+    with pytest.raises(ValueError, match="effects must hold no RollingResistance for ellipses"):
+        pm.Scene(ellipses, (SPRING, pm.Friction(), pm.RollingResistance()))
