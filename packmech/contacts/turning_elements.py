@@ -5,9 +5,9 @@ rolling and twisting displacements grow by A (q - p) x n and A (q - p).n. The fo
 that their springs bear turn i by the moment M = A (n x F + f n), and j by the opposite, and push neither. As the spring
 of rolling turns with the contact like that of friction (`packmech.contacts.tangential_elements`),
 
-    dM = A (dn x F + k w_across - F n.(p + q)/2 + f dn + k_t n (n.w)) + (n x F + f n) dA,    w = q - p
+    dM = A (dn x F + A k w_across - F n.(p + q)/2 + f dn + A k_t n (n.w)) + (n x F + f n) dA,    w = q - p
 
-in a plane dM = A k w + (n x F) dA. Springs at their limit count as sticking: so they do in every motion that unloads
+in a plane dM = A A k w + (n x F) dA. Springs at their limit count as sticking: so they do in every motion that unloads
 them.
 """
 
@@ -67,7 +67,7 @@ def turning_elements(
         moment = np.cross(n, rolling_cd) + twisting_c[:, None] * n
         spring = stiffness[0] * across + stiffness[1] * n[:, :, None] * n[:, None]
     # the stiffness against w = q - p
-    change[:, :, of_j] = arm[:, None, None] * spring
+    change[:, :, of_j] = (arm * arm)[:, None, None] * spring
     change[:, :, of_i] = -change[:, :, of_j]
     if kind != "unstressed":
         change[:, :, of_v] += share[:, None, None] * moment[:, :, None] * n[:, None]

@@ -145,7 +145,7 @@ def _held_by(packing, contacts):
     """Return whether the ellipse is held, by itself: neighbors that are taken out are put in again."""
     ends = ends_of(contacts)
     push, side = (part[ends.body_e == 0] for part in (ends.push_ex, ends.side_esx))
-    return len(contacts) > packing.dimension and bool(can_balance(push, side, len(push), 0.0))
+    return len(contacts) > packing.dimension and bool(can_balance(push, side, np.array([0]), len(push), 0.0))
 
 
 def test_what_rattles_is_taken_out_one_after_the_other():

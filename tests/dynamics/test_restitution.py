@@ -19,7 +19,7 @@ LAWS = (pm.LinearSpring(2.0), pm.Harmonic(3.0), pm.Hertz(), pm.PowerLaw(1.0, 3.5
     restitution=st.floats(0.05, 0.999),
     ratio=st.floats(0.0, 3.0).map(lambda power: 10.0**power),
     size=st.floats(1.0, 30.0),
-    speed=st.floats(-6.0, -2.0).map(lambda power: 10.0**power),
+    speed=st.floats(-5.0, -1.0).map(lambda power: 10.0**power),
 )
 def test_restitution_is_had_for_any_law_masses_radii_and_speeds(law, restitution, ratio, size, speed):
     effects = (pm.Repulsion(law), pm.Restitution(restitution))
@@ -100,7 +100,8 @@ class Collision:
     def scene(self, gap):
         """Return the scene with the particles, or the particle and the wall, a gap apart."""
         box = pm.Box.cubic(10.0 * self.sigma, self.d)
-        place = np.full((1 if self.wall else 2, self.d), 5.0 * self.sigma)
+        # near the origin places are rounded least
+        place = np.zeros((1 if self.wall else 2, self.d))
         if self.wall:
             place[0, 0] = self.radii[0] + gap
             effects = (pm.Repulsion(self.law), pm.Walls(0, 0.0, 9.0 * self.sigma, self.law, self.damping))
@@ -125,7 +126,7 @@ class Collision:
 
 @pytest.mark.parametrize("wall", [False, True], ids=["two", "wall"])
 @pytest.mark.parametrize(("ratio", "size"), [(1.0, 1.0), (1000.0, 30.0), (1.0, 30.0)])
-@pytest.mark.parametrize("speed", [1e-6, 1e-2])
+@pytest.mark.parametrize("speed", [1e-5, 1e-3, 1e-1])
 def test_linear_contacts_have_their_restitution_to_second_order_in_the_engine(wall, ratio, size, speed):
     met = Collision(
         pm.LinearSpring(2.0), pm.Restitution(0.6), speed, sizes=(1.0, size), masses=(1.0, ratio), dimension=3, wall=wall
@@ -133,11 +134,13 @@ def test_linear_contacts_have_their_restitution_to_second_order_in_the_engine(wa
     omega = math.sqrt(2.0 / met.reduced)
     lasts = math.pi / (omega * math.sqrt(1.0 - zeta(0.6) ** 2))
     errors = []
-    for steps in (400, 800, 12800):
+    for steps in (400, 800, 25600):
         # it opens in the middle of a step, too: a dashpot that jumps there costs no order then
         errors.append(met.after(lasts / steps, steps + 2) - 0.6)
     assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
-    assert abs(errors[2]) < 1e-8
+    # places are rounded in every step
+    rounding = np.spacing(met.sigma) * math.sqrt(25600.0) / (speed / omega)
+    assert abs(errors[2]) < 1e-8 + rounding
 
 
 @pytest.mark.parametrize("law", [pm.Hertz(), pm.DivergentRepulsion(divergence=1.0)], ids=repr)
@@ -195,7 +198,11 @@ def test_shapes_that_meet_off_center_turn_by_what_restitution_leaves_of_the_impu
             effects = (pm.Repulsion(), pm.Walls(0, 3.9, 9.0, pm.LinearSpring(4.0), damping))
         velocity = np.zeros(met.position_nd.shape)
         velocity[-1, 0] = -1e-3
-        run = pm.simulate(pm.Scene(met, effects), duration=1500.0, dt=0.01, velocity_nd=velocity)
+        scene = pm.Scene(met, effects)
+        trace = pm.simulate(scene, duration=1500.0, dt=0.01, velocity_nd=velocity, trace_every=20).trace
+        # spins of free bodies change on their way
+        touched = float(trace.time_t[trace.energy_t > 0.0][-1])
+        run = pm.simulate(scene, duration=touched + 1.0, dt=0.01, velocity_nd=velocity)
         assert pm.energy(pm.Scene(run.packing, effects)) == 0.0
         return np.concatenate([(run.velocity_nd - velocity).ravel(), run.spin_nk.ravel()])
 
@@ -218,10 +225,10 @@ def test_complex_moduli_have_the_dashpots_that_small_oscillations_have(dashpot):
     start = pm.random_packing(48, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.95, seed=4)
     rest = pm.quench(pm.Scene(start, (pm.Repulsion(pm.Hertz()),)), force_tolerance=1e-12).packing
     scene = pm.Scene(rest, (pm.Repulsion(pm.Hertz()), dashpot))
-    due = pm.complex_modulus(scene, [0.05]).modulus_f[0]
+    due = pm.complex_modulus(scene, [0.2]).modulus_f[0]
     assert due.imag > 0.0
-    run = pm.oscillatory_shear(scene, amplitude=1e-7, frequency=0.05, periods=6, skip_periods=4, pre_periods=0)
-    assert complex(run.moduli.storage, run.moduli.loss) == pytest.approx(due, rel=2e-3)
+    run = pm.oscillatory_shear(scene, amplitude=1e-7, frequency=0.2, periods=12, skip_periods=10, pre_periods=0)
+    assert complex(run.moduli.storage, run.moduli.loss) == pytest.approx(due, rel=2e-4)
 
 
 def test_walls_keep_their_dashpot_in_scene_files(tmp_path):

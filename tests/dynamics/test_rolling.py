@@ -1,5 +1,6 @@
 """Facts about resistance to rolling and twisting: closed forms, conserved quantities, limits, and what is kept."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -60,9 +61,9 @@ def test_spins_decay_at_a_constant_rate_where_the_limit_is_reached(dimension, ax
 
 
 def shaken(dimension, seed=2, coefficient=STRONG):
-    """Return a dense scene with all resistances, and random velocities and spins."""
-    packing = pm.random_packing(24, dimension=dimension, packing_fraction=0.9 if dimension == 2 else 0.7, seed=seed)
-    packing = pm.quench(pm.Scene(packing, (SPRING,)), force_tolerance=1e-6, check=False).packing
+    """Return a scene with all resistances whose contacts last, and random velocities and spins."""
+    kind, repeats = ("triangular", (4, 4)) if dimension == 2 else ("fcc", (2, 2, 2))
+    packing = pm.lattice_packing(kind, repeats=repeats, relative_overlap=0.1)
     turning = (pm.RollingResistance(coefficient, 0.4), pm.TwistingResistance(coefficient, 0.3))[: dimension - 1]
     scene = pm.Scene(packing, (SPRING, pm.Friction(coefficient, 0.7), *turning))
     rng = np.random.default_rng(seed)
@@ -89,11 +90,15 @@ def test_energy_is_kept_to_second_order_and_momentum_to_rounding(dimension):
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_forces_torques_and_energy_at_rest_are_those_of_the_run(dimension):
     scene, start = shaken(dimension, coefficient=0.3)
+    strong = shaken(dimension)[0]
+    run = pm.simulate(strong, steps=400, dt=0.02, trace_every=400, check=False, **start)
+    assert run.trace.energy_t[-1] == pytest.approx(pm.energy(strong.replace(packing=run.packing)), rel=1e-10)
+    # where springs give way, what they gave since the last step is in the run's energy
     run = pm.simulate(scene, steps=400, dt=0.02, trace_every=400, check=False, **start)
     there = scene.replace(packing=run.packing)
     assert run.packing.tangential.rolling_ck.any()
     assert dimension == 2 or run.packing.tangential.twisting_c.any()
-    assert run.trace.energy_t[-1] == pytest.approx(pm.energy(there), rel=1e-10)
+    assert run.trace.energy_t[-1] == pytest.approx(pm.energy(there), rel=1e-4)
     on = pm.simulate(there, steps=1, dt=1e-9, velocity_nd=run.velocity_nd, spin_nk=run.spin_nk, check=False)
     mass, k = there.packing.mass_n[:, None], run.spin_nk.shape[1]
     inertia = (0.5 if dimension == 2 else 0.4) * mass * there.packing.radius_n[:, None] ** 2
@@ -108,16 +113,22 @@ def test_forces_torques_and_energy_at_rest_are_those_of_the_run(dimension):
 def test_a_run_that_goes_on_from_its_packing_or_its_checkpoint_is_the_same(dimension, tmp_path):
     scene, start = shaken(dimension, coefficient=0.2)
     whole = pm.simulate(scene, steps=600, dt=0.02, check=False, **start)
-    half = pm.simulate(scene, steps=300, dt=0.02, check=False, checkpoint=tmp_path / "half.ckpt", **start)
-    resumed = pm.resume(tmp_path / "half.ckpt", steps=600)
+    half = pm.simulate(scene, steps=300, dt=0.02, check=False, checkpoint=tmp_path / "state.npz", **start)
+    resumed = pm.resume(tmp_path / "state.npz", scene, steps=600)
     np.testing.assert_array_equal(resumed.packing.position_nd, whole.packing.position_nd)
     assert resumed.packing.tangential == whole.packing.tangential
     pm.write_packing(half.packing, tmp_path / "half.npz")
     kept = pm.read_packing(tmp_path / "half.npz")
     assert kept == half.packing and kept.tangential.rolling_ck is not None
     more = {"velocity_nd": half.velocity_nd, "spin_nk": half.spin_nk}
-    on = pm.simulate(scene.replace(packing=kept), steps=300, dt=0.02, check=False, **more)
-    np.testing.assert_allclose(on.spin_nk, whole.spin_nk, rtol=0.0, atol=1e-11)
+    bare = dataclasses.replace(kept.tangential, rolling_ck=None, twisting_c=None)
+    ends = []
+    for springs in (kept.tangential, bare):
+        there = scene.replace(packing=kept.replace(tangential=springs))
+        ends.append(pm.simulate(there, steps=300, dt=0.02, check=False, **more).spin_nk)
+    # a packing knows no forces of the step before, from which a run extrapolates velocities
+    missed = [np.abs(end - whole.spin_nk).max() for end in ends]
+    assert missed[0] < 1e-3 * missed[1]
 
 
 def test_seen_from_the_other_end_a_rolling_displacement_is_the_same():
@@ -141,21 +152,21 @@ def test_the_order_of_particles_is_of_no_matter(dimension):
 @pytest.mark.parametrize(("slope", "rolls"), [(0.9, False), (1.1, True)])
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_disc_or_sphere_on_a_slope_rolls_above_the_angle_of_its_rolling_resistance(dimension, slope, rolls):
-    """On a disc or sphere a thousand times larger that is held: a plane."""
+    """On a held disc or sphere that is so much larger that it is a plane."""
     angle, mu = math.atan(0.1 * slope), 0.1
-    place = np.full((2, dimension), 2500.0)
-    place[1, 1] += 1000.5 - 1e-3
-    packing = pm.Packing(place, [1000.0, 0.5], pm.Box.cubic(5000.0, dimension), mass_n=[1.0, 1.0])
+    place = np.full((2, dimension), 2.5e5)
+    place[1, 1] += 100000.5 - 1e-3
+    packing = pm.Packing(place, [1e5, 0.5], pm.Box.cubic(5e5, dimension), mass_n=[1.0, 1.0])
     weight = pm.Gravity(1e-3 * math.sin(angle), -1e-3 * math.cos(angle))
     effects = (
         SPRING, pm.Friction(0.8, 1.0, 0.5), pm.RollingResistance(mu, 1.0, 0.5), pm.ContactDamping(0.5),
         pm.FixedParticles((0,)), weight,
     )  # fmt: skip
-    run = pm.simulate(pm.Scene(packing, effects), duration=2000.0, dt=0.1)
+    run = pm.simulate(pm.Scene(packing, effects), duration=1000.0, dt=0.1)
     moved = run.packing.position_nd[1, 0] - place[1, 0]
     if rolls:
         # (sin - mu cos) g t^2 / 2 over 1 + I / (m r^2)
-        due = 1e-3 * (math.sin(angle) - mu * math.cos(angle)) / (1.5 if dimension == 2 else 1.4) * 0.5 * 2000.0**2
+        due = 1e-3 * (math.sin(angle) - mu * math.cos(angle)) / (1.5 if dimension == 2 else 1.4) * 0.5 * 1000.0**2
         assert moved == pytest.approx(due, rel=0.05)
     else:
         assert abs(moved) < 1e-2 and np.abs(run.spin_nk[1]).max() < 1e-6

@@ -161,7 +161,8 @@ def balances(normal, arm, mu):
         across = np.linalg.svd(normal[:, None])[2][:, 1:]
         turn = np.cross(normal[:, None], across)
     push = np.hstack([-normal, np.zeros((count, turn.shape[2]))])
-    return bool(can_balance(push, np.concatenate([across, arm[:, None, None] * turn], axis=2), count, mu))
+    side = np.concatenate([across, arm[:, None, None] * turn], axis=2)
+    return bool(can_balance(push, side, np.array([side.shape[1]]), count, mu))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
