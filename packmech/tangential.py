@@ -122,7 +122,9 @@ class TangentialDisplacements:
             return None
         return self._replaced(i[keep], j[keep], keep)
 
-    def _replaced(self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], kept_c: NDArray[np.bool_]) -> Any:
+    def _replaced(
+        self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], kept_c: NDArray[np.bool_]
+    ) -> TangentialDisplacements:
         """Return those that are kept, of other particles."""
         named = {name: one for name in _FIELDS[2:] if (one := getattr(self, name)) is not None}
         return TangentialDisplacements(i_c, j_c, **{name: one[kept_c] for name, one in named.items()})

@@ -277,7 +277,7 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse", friction: str = "refus
                     f"scene must have no bonds here, which batches do not know, got {len(one)} in effects[{k}]; "
                     'bonds="leave out" quenches the packing without them'
                 )
-        elif isinstance(one, pm.Friction):
+        elif isinstance(one, pm.Friction | pm.RollingResistance | pm.TwistingResistance):
             if friction == "refuse" and one.coefficient > 0.0:
                 raise ValueError(
                     "scene must have no friction here, whose tangential springs stretch on the way that particles take "

@@ -68,6 +68,10 @@ _NOT_BESIDE = {
         "walls are smooth, and grains would slide on them as if without friction",
         "make rough walls of held particles (pm.FixedParticles, or held_n where a box deforms)",
     ),
+    ("rolling", "walls"): (
+        "walls are smooth, and grains would roll on them without resistance",
+        "make rough walls of held particles (pm.FixedParticles, or held_n where a box deforms)",
+    ),
 }
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics import observables as columns
 from packmech.dynamics.deformation import Strain
-from packmech.effects import BackgroundDamping, friction_of, held_velocity, law_scale
+from packmech.effects import BackgroundDamping, friction_of, held_velocity, law_scale, roughness_of
 from packmech.scene import Scene
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
@@ -190,7 +190,7 @@ def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
     """Return a watch for a scene stepped by dt in a box that deforms so, or does not."""
     often = steps_between_observations(strain, dt, scene.packing.particles, pace_of_held(scene))
     works = bool(np.isfinite(often))
-    frictional = friction_of(scene.effects) is not None
+    frictional = roughness_of(scene.effects) is not None
     apart = often if works else _APART
     known = knows_its_energy(scene, strained=works and strain is not None)
     return EnergyWatch(energy_unit(scene), known, works, frictional, apart)
@@ -276,7 +276,7 @@ class RowWatch:
         released: Callable[[float], float],
     ) -> None:
         self.released = released
-        frictional = friction_of(scene.effects) is not None
+        frictional = roughness_of(scene.effects) is not None
         known = knows_its_energy(scene, strained=True)
         self.watch = EnergyWatch(energy_unit(scene), known, True, frictional, _APART)
         self.direction_dd, self.every, self.held = direction_dd, every, largest_held(scene)

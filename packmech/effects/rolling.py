@@ -98,7 +98,7 @@ def twisting_of(effects: tuple[Any, ...]) -> TwistingResistance | None:
 
 
 def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
-    """Refuse resistance to rolling or twisting without friction, of shapes, and twisting in a plane.
+    """Refuse resistance to rolling or twisting of shapes, and to twisting in a plane.
 
     Raises
     ------
@@ -110,8 +110,6 @@ def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
         if not isinstance(one, RollingResistance | TwistingResistance):
             continue
         name = type(one).__name__
-        if friction_of(effects) is None:
-            raise ValueError(f"effects must hold Friction beside {name}: smooth particles roll freely, got it at {k}")
         if packing.shapes.has_orientations:
             raise ValueError(
                 f"effects must hold no {name} for {packing.shapes.names[1]}, whose shapes decide how they roll: it is "
@@ -124,6 +122,6 @@ def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
 def roughness_of(effects: tuple[Any, ...]) -> Friction | RoughContacts | None:
     """Return what acts across contacts: the friction alone, or with what resists rolling and twisting; None without."""
     friction, rolling, twisting = friction_of(effects), rolling_of(effects), twisting_of(effects)
-    if friction is None or (rolling is None and twisting is None):
+    if rolling is None and twisting is None:
         return friction
-    return RoughContacts(friction, rolling, twisting)
+    return RoughContacts(friction or Friction(0.0), rolling, twisting)

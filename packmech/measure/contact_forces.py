@@ -30,6 +30,7 @@ from packmech.effects import (
     held_particles,
     refuse_unknown_to_shapes,
     rolling_of,
+    roughness_of,
     shaped_terms,
     single_terms,
     total_push,
@@ -251,7 +252,7 @@ class ContactForces:
             pull = links.pairs.normal_cd * tension[:, None]
             force = self._free(force + sum_both(links.pairs, pull, -pull))
         parts = [force]
-        if friction_of(self.scene.effects) is not None:
+        if roughness_of(self.scene.effects) is not None:
             parts.append(self.torque_nk / packing.radius_n[:, None])
         elif turn.size:
             parts.append(np.einsum("nkt,nt->nk", turn, self.torque_nk[:, : turn.shape[2]]))

@@ -37,11 +37,11 @@ from packmech.effects import (
     bonds_of,
     contact_terms,
     damps,
-    friction_of,
     friction_or_zero,
     pair_damping,
     refuse_tangential_bonds,
     refuse_unknown_to_shapes,
+    roughness_of,
     single_terms,
     total_push,
 )
@@ -298,7 +298,7 @@ def complex_modulus(
     contacts = acting_contacts(touching_pairs(packing, None, second=True), scene.effects)
     contacts = _bearing(scene, contacts)
     # bonds of other shapes than discs and spheres turn none
-    rough = friction_of(scene.effects) or (not packing.shapes.has_orientations and bonds_of(scene.effects))
+    rough = roughness_of(scene.effects) or (not packing.shapes.has_orientations and bonds_of(scene.effects))
     turn = packing.spin_nkk if rough else packing.turn_nkt
     network = network_among(packing, contacts, np.ones(n, dtype=bool), scene.effects, turn)
     if not len(contacts) + len(network.interactions):

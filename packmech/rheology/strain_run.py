@@ -45,7 +45,7 @@ from packmech.dynamics.simulation import (
     snapshot_bounds,
     snapshots_of,
 )
-from packmech.effects import Bonds, bonds_of, friction_of
+from packmech.effects import Bonds, bonds_of, roughness_of
 from packmech.jit.interrupts import safe_interrupts
 from packmech.loop.checkpoint import Arrays, IndexBounds, saved_array, scene_fingerprints
 from packmech.measure.counting import packing_fraction
@@ -551,5 +551,5 @@ class StrainTask:
 
 
 def _turns(scene: Scene) -> bool:
-    rough = friction_of(scene.effects) or bonds_of(scene.effects)
+    rough = roughness_of(scene.effects) or bonds_of(scene.effects)
     return bool(rough) or scene.packing.shapes.has_orientations

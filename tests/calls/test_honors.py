@@ -59,6 +59,7 @@ def effects(silent=None):
         "repulsion": pm.Repulsion(pm.Harmonic(1e-9 if silent == "repulsion" else 1.0)),
         "damping": pm.ContactDamping(0.0 if silent == "damping" else 0.2),
         "friction": pm.Friction(0.0 if silent == "friction" else 0.5),
+        "rolling": pm.RollingResistance(0.0 if silent == "rolling" else 0.3),
         "bonds": none if silent == "bonds" else few,
         "interactions": Tug(0.0 if silent == "interactions" else 0.01),
         "gravity": pm.Gravity(0.0, 0.0) if silent == "gravity" else pm.Gravity(0.01, -0.02),
@@ -291,7 +292,9 @@ def test_every_effect_changes_a_call_that_honors_it(call):
     left_out = {"simulate": (), **sheared}.get(call, ("held",))
     assert honored == [column for column in EFFECTS if column not in left_out]
     # walls are smooth: no scene has them and friction; each effect acts in one of these at least
-    scenes = [[column for column in honored if column != other] for other in ("walls", "friction")]
+    scenes = [
+        [column for column in honored if column not in others] for others in (("walls",), ("friction", "rolling"))
+    ]
     whole = [MOVING[call](scene_of(*together)) for together in scenes]
     assert all(np.isfinite(one).all() for one in whole)
     for column in honored:
@@ -303,16 +306,17 @@ def test_every_effect_changes_a_call_that_honors_it(call):
         assert max(changed) > 1e-9, column
 
 
+@pytest.mark.parametrize(("column", "effect"), [("friction", "Friction"), ("rolling", "RollingResistance")])
 @pytest.mark.parametrize("call", sorted(name for name in CALLS if not CALLS[name].packing_only))
-def test_no_call_takes_friction_beside_walls(call):
+def test_no_call_takes_friction_beside_walls(call, column, effect):
     """A disc that slides on a floor would go on sliding; at first it must be told apart from what is honored alone."""
-    both = scene_of("repulsion", "friction", "walls")
-    alone = {CALLS[call].answer(column) for column in ("friction", "walls")}
-    assert (("friction", "walls") in CALLS[call].apart) == (alone == {HONORED})
+    both = scene_of("repulsion", column, "walls")
+    alone = {CALLS[call].answer(each) for each in (column, "walls")}
+    assert ((column, "walls") in CALLS[call].apart) == (alone == {HONORED})
     refuses(
         call,
         both,
-        r"must not hold Friction beside Walls .*held particles \(pm.FixedParticles"
+        rf"must not hold {effect} beside Walls .*held particles \(pm.FixedParticles"
         if alone == {HONORED}
         else "would ignore",
     )
@@ -345,6 +349,24 @@ def test_friction_changes_every_call_at_rest_that_honors_it():
         # forces across the contacts have no part in the trace of the stress
         differs = rough.shape != slack.shape or np.abs(rough - slack).max() > 1e-9
         assert differs is not (call == "pressure"), call
+
+
+def test_resistance_to_rolling_changes_what_calls_at_rest_say_of_torques_energies_and_stiffness():
+    contacts = pm.find_contacts(at_rest())
+    springs = np.linspace(-1e-3, 1e-3, len(contacts))[:, None]
+    packing = at_rest().replace(
+        tangential=pm.TangentialDisplacements(
+            contacts.i_c, contacts.j_c, contacts.image_cd, 0.1 * springs, rolling_ck=springs
+        )
+    )
+    left_out = {"jam", "settle", "wall_contacts", "link_tension"}
+    honoring = [name for name in RESTING if CALLS[name].answer("rolling") == HONORED and name not in left_out]
+    assert {"contact_forces", "elastic_moduli", "frictional_modes", "stiffness_matrix", "torques"} <= set(honoring)
+    changed = {"energy", "torques", "elastic_moduli", "frictional_modes", "stiffness_matrix"}
+    for call in honoring:
+        effects = (pm.Repulsion(), pm.Friction(0.5, 0.7), pm.RollingResistance(0.3, 0.7))
+        one, other = (np.asarray(RESTING[call](pm.Scene(packing, given))) for given in (effects, effects[:2]))
+        assert bool(np.abs(one - other).max() > 1e-9) is (call in changed), call
 
 
 def test_bonds_change_every_call_at_rest_that_honors_them():

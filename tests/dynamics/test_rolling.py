@@ -172,10 +172,23 @@ def test_a_disc_or_sphere_on_a_slope_rolls_above_the_angle_of_its_rolling_resist
         assert abs(moved) < 1e-2 and np.abs(run.spin_nk[1]).max() < 1e-6
 
 
+def test_without_friction_spins_alone_feel_resistance_to_rolling():
+    scene, spin = row(2, [[0.1], [-0.05]], pm.RollingResistance(STRONG, 0.3))
+    smooth = scene.without(pm.Friction)
+    run = pm.simulate(smooth, duration=3.0, dt=0.01, spin_nk=spin)
+    again = pm.simulate(
+        smooth.replace(effects=(*smooth.effects, pm.Friction(0.0))), duration=3.0, dt=0.01, spin_nk=spin
+    )
+    np.testing.assert_array_equal(run.spin_nk, again.spin_nk)
+    # the mean is kept, the difference oscillates
+    assert run.spin_nk.sum() == pytest.approx(0.05, rel=1e-12)
+    omega = math.sqrt(4.0 * 0.245**2 * 0.3 / 0.125)
+    assert np.ptp(run.spin_nk) == pytest.approx(0.15 * abs(math.cos(3.0 * omega)), rel=1e-3)
+    np.testing.assert_array_equal(run.velocity_nd, 0.0)
+
+
 def test_what_has_no_meaning_is_refused():
     plane = pm.lattice_packing("triangular", repeats=(3, 3))
-    with pytest.raises(ValueError, match="effects must hold Friction beside RollingResistance"):
-        pm.Scene(plane, (SPRING, pm.RollingResistance()))
     with pytest.raises(ValueError, match="effects must hold no TwistingResistance in a plane"):
         pm.Scene(plane, (SPRING, pm.Friction(), pm.TwistingResistance()))
     ellipses = pm.random_packing(8, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(aspect=1.5), seed=1)

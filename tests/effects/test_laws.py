@@ -504,7 +504,7 @@ def test_lennard_jones_cut_at_its_minimum_is_accepted_as_it_is_written():
 def test_an_effect_that_pulls_with_a_constant_force_while_touching_is_refused_unless_it_says_so():
     hooks = {
         "pair_energy": lambda self, r, sigma: self.energy_scale * (r - sigma),
-        "pair_first": lambda self, r, sigma, rate: self.energy_scale,
+        "pair_first": lambda self, r, sigma: self.energy_scale,
         "pair_second": lambda self, r, sigma: 0.0,
     }
     cls = named_tuple("Glue", **hooks)
