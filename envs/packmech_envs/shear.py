@@ -140,9 +140,8 @@ def prepared(scene: pm.Scene, relax: bool, links: str, link_stiffness: float | N
     """Return the scene as an episode starts from it."""
     if relax and _has_minimum(scene):
         # friction has no energy: contacts start with slack tangential springs
-        minimum = pm.quench(
-            scene.without(pm.Friction, pm.RollingResistance, pm.TwistingResistance), force_tolerance=1e-8, check=False
-        )
+        smooth = scene.without(pm.Friction, pm.RollingResistance, pm.TwistingResistance)
+        minimum = pm.quench(smooth, force_tolerance=1e-8, check=False)
         scene = scene.replace(packing=minimum.packing)
     return shearable(scene, links=links, link_stiffness=link_stiffness)
 

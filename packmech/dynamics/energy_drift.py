@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics import observables as columns
 from packmech.dynamics.deformation import Strain
-from packmech.effects import BackgroundDamping, friction_of, held_velocity, law_scale, roughness_of
+from packmech.effects import BackgroundDamping, held_velocity, law_scale, resistances, roughness_of
 from packmech.scene import Scene
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
@@ -71,10 +71,11 @@ def knows_its_energy(scene: Scene, *, strained: bool = False) -> bool:
 def largest_held(scene: Scene) -> float:
     """Return what tangential springs can hold at Coulomb's limit, over contacts and the square of their mean force.
 
-    mu^2 / (2 k) times 9, as normal forces are not all the same [length/force]; 0 without friction.
+    mu^2 / (2 k) times 9, as normal forces are not all the same [length/force]; 0 without friction. So those against
+    rolling and twisting.
     """
-    one = friction_of(scene.effects)
-    return _BROAD * one.coefficient**2 / (2.0 * one.stiffness) if one and one.stiffness > 0.0 else 0.0
+    acting = [one for one in resistances(roughness_of(scene.effects)) if one.stiffness > 0.0]
+    return sum((_BROAD * one.coefficient**2 / (2.0 * one.stiffness) for one in acting), 0.0)
 
 
 def pace_of_held(scene: Scene) -> float:

@@ -401,3 +401,31 @@ def test_a_packing_without_contacts_has_no_moduli_and_no_modes():
     assert not moduli.cauchy.any() and len(moduli.soft_directions) == 3 and moduli.particles == 0
     assert len(pm.frictional_modes(scene)) == 0
     assert pm.frictional_modes(scene, rattlers="keep").zero_m.all()
+
+
+@pytest.mark.parametrize("particles", [3, 6])
+def test_a_row_of_discs_that_resists_rolling_is_held_by_two_contacts_a_disc(particles):
+    """Three numbers a contact for three motions a disc: without rolling springs the row buckles in as many ways."""
+    side = particles * 0.98
+    place = np.column_stack([np.arange(particles) * 0.98, np.full(particles, 1.5)])
+    packing = pm.Packing(place, np.full(particles, 0.5), pm.Box(np.diag([side, 3.0])))
+    rough = pm.Scene(packing, (HARD, pm.Friction(0.5, 0.7), pm.RollingResistance(0.2, 0.4)))
+    for scene, floppy in ((rough, 2), (rough.without(pm.RollingResistance), particles + 1)):
+        matrix = pm.stiffness_matrix(scene, "none", "unstressed").toarray()
+        assert np.count_nonzero(np.abs(np.linalg.eigvalsh(matrix)) < 1e-10) == floppy
+        assert pm.contact_forces(scene).isostatic_coordination == (2.0 if scene is rough else 3.0)
+
+
+def test_packings_that_resist_rolling_jam_with_fewer_contacts_and_room_between():
+    start = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.7, seed=1)
+    effects = (HARD, pm.ContactDamping(0.3), pm.Friction(0.5, damping=0.1), pm.RollingResistance(0.5, 1.0, 0.1))
+    scenes = [pm.Scene(start, effects[:3]), pm.Scene(start, effects)]
+    runs = [pm.jam(scene, pressure=1e-3, method=pm.Press(rate=1e-3)) for scene in scenes]
+    assert all(run.outcome.ok for run in runs)
+    found = [pm.contact_forces(one.replace(packing=run.packing)) for one, run in zip(scenes, runs, strict=True)]
+    assert all(one.residual < 1e-7 for one in found)
+    assert found[1].coordination_number < found[0].coordination_number - 0.1
+    assert pm.packing_fraction(runs[1].packing) < pm.packing_fraction(runs[0].packing) - 0.01
+    assert 2.0 <= found[1].isostatic_coordination < found[1].coordination_number
+    moduli = [pm.elastic_moduli(one.replace(packing=run.packing)) for one, run in zip(scenes, runs, strict=True)]
+    assert all(one.bulk_modulus > 0.0 and one.shear_modulus > 0.0 for one in moduli)
