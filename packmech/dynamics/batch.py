@@ -44,8 +44,9 @@ from packmech.dynamics.observables import (
     measure,
 )
 from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, EngineSystem, Rule, Span, run_steps
-from packmech.effects import Friction, friction_of
-from packmech.jit.compiled import device, inner_lean, kernel
+from packmech.effects import Friction, RoughContacts, friction_of
+from packmech.jit.by_type import by_type
+from packmech.jit.compiled import device, inlined, inner_lean, kernel
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
 from packmech.minimize.passes.pair_list import follow
 from packmech.observables import OBSERVABLES, component_names
@@ -103,14 +104,25 @@ def figure_names(dimension: int) -> tuple[str, ...]:
     return ("time", "strain", "rate", *component_names("stress", size, symmetric=True), "pressure", *named)
 
 
-@device
-def _friction_of_frame(friction, plan, doing, control_k):
-    """Return the friction that a frame is taken with; None without."""
-    if friction is None:
-        return None
+@inlined
+def _no_friction(friction, plan, doing, control_k):
+    return None
+
+
+@inlined
+def _switched_friction(friction, plan, doing, control_k):
     switched = plan.switched and doing != OBSERVE
     coefficient = control_k[control_k.shape[0] - 1] if switched else friction.coefficient
     return Friction(coefficient, friction.stiffness, friction.damping)
+
+
+@inlined
+def _with_rolling(rough, plan, doing, control_k):
+    return RoughContacts(_switched_friction(rough.friction, plan, doing, control_k), rough.rolling, rough.twisting)
+
+
+# the friction that a frame is taken with; None without
+_friction_of_frame = by_type(_switched_friction, {type(None): _no_friction, RoughContacts: _with_rolling})
 
 
 @kernel
@@ -350,7 +362,7 @@ def _kinds(effects: Any) -> Any:
 CONTROLS = {"strain": 1, "rate": 1, "strain_and_rate": 2}
 
 
-_HONORS = declare("ShearBatch", "repulsion damping friction bonds gravity walls drag shapes")
+_HONORS = declare("ShearBatch", "repulsion damping friction rolling bonds gravity walls drag shapes")
 
 
 class ShearBatch:
