@@ -123,16 +123,14 @@ class ContactForces:
     def energy(self) -> float:
         """The energy of contacts and their tangential springs, interactions, what acts on single particles [energy]."""
         effects, pairs = self.scene.effects, self.contacts
-        springs = tangential_forces(self.scene, pairs, self.normal_c).energy_c
-        if self.turning is not None:
-            springs = springs + self.turning.energy_c
+        springs = tangential_forces(self.scene, pairs, self.normal_c).energy_c + self.turning.energy_c
         whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
         whole += float(np.add.reduce(self.interactions.energy_c))
         return whole + float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
 
     @functools.cached_property
-    def turning(self) -> TurningForces | None:
-        """What resists rolling and twisting; None where nothing does."""
+    def turning(self) -> TurningForces:
+        """What resists rolling and twisting of discs and spheres."""
         return turning_forces(self.scene, self.contacts, self.normal_c)
 
     @functools.cached_property
@@ -169,10 +167,8 @@ class ContactForces:
         if contacts.slope_cx.shape[1] > d:
             turning = (self.normal_c / contacts.push_c)[:, None] * contacts.slope_cx[:, d:]
             on_i, on_j = on_i + turning[:, :k], on_j + turning[:, k:]
-        if self.turning is not None:
-            moment = self.turning.moment_ck(contacts.normal_cd)
-            on_i, on_j = on_i + moment, on_j - moment
-        return on_i, on_j
+        moment = self.turning.moment_ck(contacts.normal_cd)
+        return on_i + moment, on_j - moment
 
     def _free(self, sum_nk: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the sums over contacts, zero for particles that are held."""
@@ -307,8 +303,8 @@ class ContactForces:
         mu = _coefficient(self.scene)
         if mu > 0.0:
             point, d = bearing.points(packing.radius_n), packing.dimension
-            arm = None if self.turning is None else self.turning.arm_c[self.bearing_c] / mu
-            moments = [None if one is None or arm is None else one.coefficient * arm for one in turning]
+            arm = self.turning.arm_c[self.bearing_c] / mu
+            moments = [None if one is None else one.coefficient * arm for one in turning]
             rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk, moments)
             kinds = (d - 1, *(0 if one is None else rows for one, rows in zip(moments, (d - 1, 1), strict=True)))
             groups = tuple(itertools.accumulate(kinds))
@@ -322,8 +318,8 @@ class ContactForces:
         rolling or twisting.
         """
         two = self.contacts.select(self._held_c()).count_n() == 2
-        free = self.contacts.dimension == 3 and _coefficient(self.scene) > 0.0 and self.turning is None
-        return np.asarray(two & free)
+        resisting = rolling_of(self.scene.effects) or twisting_of(self.scene.effects)
+        return np.asarray(two & (self.contacts.dimension == 3 and _coefficient(self.scene) > 0.0 and not resisting))
 
     @property
     def coordination_number(self) -> float:
@@ -366,8 +362,6 @@ class ContactForces:
 
     def _turning_at_limit(self) -> int:
         """Return how many springs against rolling and twisting are at their limit, of contacts that bear."""
-        if self.turning is None:
-            return 0
         effects, held = self.scene.effects, self._held_c()
         rolled = np.sqrt((self.turning.rolling_cd**2).sum(axis=1))
         both = ((rolling_of(effects), rolled), (twisting_of(effects), np.abs(self.turning.twisting_c)))

@@ -60,10 +60,8 @@ def tangential_forces(
     return _across(friction, displacement, contacts.normal_cd, normal_c)
 
 
-def turning_forces(
-    scene: Scene, contacts: Contacts | ShapeContacts, normal_c: NDArray[np.float64]
-) -> TurningForces | None:
-    """Return what resists rolling and twisting at the contacts; None where nothing does.
+def turning_forces(scene: Scene, contacts: Contacts | ShapeContacts, normal_c: NDArray[np.float64]) -> TurningForces:
+    """Return what resists rolling and twisting at the contacts, zeros where nothing does.
 
     Parameters
     ----------
@@ -72,8 +70,6 @@ def turning_forces(
 
     """
     rolling, twisting = rolling_of(scene.effects), twisting_of(scene.effects)
-    if rolling is None and twisting is None:
-        return None
     radius = scene.packing.radius_n
     one, other = radius[contacts.i_c], radius[contacts.j_c]
     arm = one * other / (one + other) ** 2 * contacts.distance_c

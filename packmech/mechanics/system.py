@@ -243,7 +243,7 @@ def turning_springs(
     effects: tuple[Any, ...],
     contacts: PairGeometry,
     packing: Packing,
-    forces: TurningForces | None,
+    forces: TurningForces,
     kind: Kind = "exact",
     *,
     dashpots: bool = False,
@@ -257,16 +257,16 @@ def turning_springs(
     contacts, packing
         The contacts, and the packing whose particles they count.
     forces
-        What these springs bear, contact by contact; None where nothing resists.
+        What these springs bear, contact by contact.
     kind
         "exact" or "unstressed".
     dashpots
         Whether dashpots are asked for.
 
     """
-    if forces is None:
-        return []
     resisting = (rolling_of(effects), twisting_of(effects))
+    if not any(resisting):
+        return []
     rolling, twisting = (0.0 if one is None else float(one.damping if dashpots else one.stiffness) for one in resisting)
     parts = (forces.rolling_cd, forces.twisting_c)
     if dashpots:
