@@ -27,7 +27,7 @@ RESULTS = {
     "AmplitudeSweep", "Condition", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "Equilibration", "MaterialConstants", "ParticleShearRun",
-    "PlayedMotion",
+    "PlayedMotion", "TouchingPair",
     "Rattling", "ReaffixedLinks",
     "Run",
     "SelfStress", "Simulation", "Solve", "Stage", "State", "StateDensity",
@@ -412,6 +412,15 @@ BAD = {
     "pressures": [None, "1", [], [0.0], [-1.0], [NAN], [[1.0]]],
     "tangential": [3, "springs"],
     "contacts_at_limit": CHOICE,
+    "rolling_ck": ["d", [[NAN]], [[0.1, 0.2]], [0.1]],
+    "twisting_c": ["d", [NAN], [[0.1]], [0.1, 0.2]],
+    "coefficient_of_restitution.effects": [None, 3, "e", [3], (pm.Repulsion,), pm.Repulsion()],
+    "coefficient_of_restitution.speed": [*POSITIVE, 1e9],
+    "viscoelastic_time.law": [None, 3, "hertz", pm.Repulsion()],
+    "viscoelastic_time.restitution": [NAN, INF, 0.0, 1.0, -1.0, "1", None],
+    "viscoelastic_time.speed": [*POSITIVE, 1e9],
+    "masses": [None, "m", 1.0, (1.0,), (1.0, 0.0), (1.0, NAN), (INF, INF), (1.0, -1.0)],
+    "ViscoelasticDamping.time": NOT_NEGATIVE,
     "displacement_ck": [None, "d", [[NAN]], [[0.1, 0.2]], [0.1]],
     "i_c": [None, "i", [0.5], [-1]],
     "j_c": [None, "j", [0.5], [-1]],
@@ -881,6 +890,8 @@ def good(name, folder):
         "play_motion": {"packing": touching(), "motion": np.eye(9, 2), "steps": 2},
         "compress": {"scene": scene(), "distances": [1e-3]},
         "small_value_exponent": {"values": [[0.1, 0.2], [0.3]], "largest": 1.0},
+        "coefficient_of_restitution": {"effects": (pm.Repulsion(), pm.Restitution(0.5)), "speed": 0.01},
+        "viscoelastic_time": {"law": pm.Hertz(), "restitution": 0.8, "speed": 0.01},
         "TangentialDisplacements": {"i_c": [0], "j_c": [1], "image_cd": [[0, 0]], "displacement_ck": [[0.1]]},
         "sweep_pressure": {
             "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
@@ -954,7 +965,9 @@ def call(name, arguments):
     """Call a function or make a record; a law or an effect is checked by its scene, a minimizer by its quench."""
     made = getattr(pm, name)(**arguments)
     if is_effect(made):
-        pm.Scene(touching(), (pm.Repulsion(), made))
+        # twisting is for spheres
+        space = isinstance(made, pm.TwistingResistance)
+        pm.Scene(pm.lattice_packing("fcc") if space else touching(), (pm.Repulsion(), made))
     if is_law(made):
         pm.Scene(touching(), (pm.Repulsion(law=made),))
     if name in MINIMIZERS:

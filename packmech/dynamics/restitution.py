@@ -17,6 +17,7 @@ from packmech.effects import (
     ViscoelasticDamping,
     is_bound,
     is_effect,
+    is_law,
     pair_damping,
     pair_energy,
 )
@@ -65,22 +66,25 @@ def coefficient_of_restitution(
     0.7
 
     """
+    if not isinstance(effects, tuple | list):
+        raise TypeError(f"effects must be a tuple of effects, got {effects!r}")
     acting = tuple(effects)
     for k, one in enumerate(acting):
         if not is_effect(one) or is_bound(one):
             raise TypeError(f"effects[{k}] must be an effect of touching pairs, got {one!r}")
     sigma = float(positive_array("radii", radii, shape=(2,), what="radius").sum())
     inverse = float((1.0 / _masses(masses)).sum())
-    if not inverse > 0.0:
-        raise ValueError(f"masses must not both be infinite, got {masses!r}")
     return _restitution(acting, positive("speed", speed), sigma, 1.0 / inverse)
 
 
 def _masses(masses: ArrayLike) -> NDArray[np.float64]:
     """Return two masses that are positive, and may be infinite."""
-    found = np.asarray(masses, dtype=np.float64)
-    if found.shape != (2,) or not (found > 0.0).all():
-        raise ValueError(f"masses must be two positive numbers, got {masses!r}")
+    try:
+        found = np.asarray(masses, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"masses must be two positive numbers, got {masses!r}") from None
+    if found.shape != (2,) or not (found > 0.0).all() or np.isinf(found).all():
+        raise ValueError(f"masses must be two positive numbers, one of them finite, got {masses!r}")
     return found
 
 
@@ -163,6 +167,8 @@ def viscoelastic_time(
 
     """
     aim = real("restitution", restitution, above=0.0, below=1.0)
+    if not is_law(law):
+        raise TypeError(f"law must be a law such as Hertz(), got {law!r}")
 
     def beyond(time: float) -> float:
         effects = (Repulsion(law), ViscoelasticDamping(time))
