@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import brief, call_fault, did_you_mean, finite_array, integer, one_of
+from packmech.check import brief, call_fault, did_you_mean, finite_array, instance, integer, one_of
 from packmech.effects import held_particles
 from packmech.ensemble.shear_series import ShearCurve, ShearSeries
-from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit
+from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit, fit_power_law
 from packmech.jamming.play import PlayedMotion
 from packmech.jamming.verdict import UnjammingMotion, Verdict
 from packmech.measure.coarse_grain import CoarseFields
@@ -67,7 +67,8 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
         Else a curve: a density of states, pair distribution, shell average, correlation, stress-strain curve or
         loop, flow curve, moduli against amplitude or frequency, creep, mean square displacement,
         self-intermediate scattering, cementing, shear families, distribution of forces, numbers of contacts,
-        statistics of an ensemble (`fit=` draws a power law), work and precision, or a trace (`of=` names what).
+        statistics of an ensemble (`fit=True` draws a power law, or one that was fitted), work and precision, or a trace
+        (`of=` names what).
     ax
         Axes of matplotlib to draw on; new ones unless given.
     options
@@ -717,11 +718,11 @@ def _draw_groups(
     ax: Any,
     *,
     over: str | None = None,
-    fit: PowerLawFit | None = None,
+    fit: PowerLawFit | bool | None = None,
     log: bool | None = None,
     label: str = "",
 ) -> None:
-    """Draw a statistic over a parameter, a line for each value of the others."""
+    """Draw a statistic over a parameter, a line for each value of the others, and the power law of all (`fit`)."""
     names = list(groups.by)
     axis = names[0] if over is None and names else one_of("over", over, names)
     others = [name for name in names if name != axis]
@@ -734,7 +735,10 @@ def _draw_groups(
         style |= {"fmt": MARKERS[COLORS.index(style["color"]) % len(MARKERS)] + "-", "markersize": 4.0, "capsize": 2.0}
         x, value, error = groups.by[axis][members].astype(float), groups.value_g[members], groups.error_g[members]
         ax.errorbar(x, value, error, **style)
+    if isinstance(fit, bool):
+        fit = fit_power_law(groups.by[axis], groups.value_g, groups.error_g) if fit else None
     if fit is not None:
+        instance("fit", fit, PowerLawFit)
         x = np.geomspace(float(groups.by[axis].min()), float(groups.by[axis].max()), 100)
         fitted = rf"exponent {fit.exponent:.3f} $\pm$ {fit.exponent_error:.1g}"
         if fit.limit:

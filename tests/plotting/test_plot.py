@@ -141,8 +141,10 @@ def test_statistics_have_a_line_for_each_group_and_the_power_law_beside_it(tmp_p
     assert rendered(ax)
     one = pm.group_statistics(found.where(kind=1), "value", ["size"])
     free, limit = (pm.fit_power_law(one.by["size"], one.value_g, one.error_g, exponent=e) for e in (None, 2.0))
-    words = [pm.plot(one, fit=fit).get_legend().get_texts()[0].get_text() for fit in (free, limit)]
-    assert words[0].startswith("exponent 2.0") and words[1].startswith("limit")
+    words = [pm.plot(one, fit=fit).get_legend().get_texts()[0].get_text() for fit in (free, limit, True)]
+    assert words[0].startswith("exponent 2.0") and words[1].startswith("limit") and words[2] == words[0]
+    with pytest.raises(TypeError, match="fit must be a PowerLawFit"):
+        pm.plot(one, fit=2.0)
     plt.close("all")
 
 
