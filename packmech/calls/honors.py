@@ -149,7 +149,7 @@ class Honors:
 
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
-        return {"friction": self.rough, "shapes": self.shaped}.get(column) or INSTEAD[column]
+        return {"friction": self.rough, "rolling": self.rough, "shapes": self.shaped}.get(column) or INSTEAD[column]
 
     def answer(self, column: str) -> str:
         """Return what stands in this column of the table."""

@@ -15,8 +15,10 @@ from packmech.check import clear_errors, positive, positive_array, real
 from packmech.effects import (
     Repulsion,
     ViscoelasticDamping,
+    damps,
     is_bound,
     is_effect,
+    is_interaction,
     is_law,
     pair_damping,
     pair_energy,
@@ -70,8 +72,9 @@ def coefficient_of_restitution(
         raise TypeError(f"effects must be a tuple of effects, got {effects!r}")
     acting = tuple(effects)
     for k, one in enumerate(acting):
-        if not is_effect(one) or is_bound(one):
-            raise TypeError(f"effects[{k}] must be an effect of touching pairs, got {one!r}")
+        knows = is_effect(one) and not is_bound(one) and not is_interaction(one)
+        if not knows or not (hasattr(one, "pair_energy") or damps(one)):
+            raise TypeError(f"effects[{k}] must be a repulsion or a dashpot of touching pairs, got {one!r}")
     sigma = float(positive_array("radii", radii, shape=(2,), what="radius").sum())
     inverse = float((1.0 / _masses(masses)).sum())
     return _restitution(acting, positive("speed", speed), sigma, 1.0 / inverse)

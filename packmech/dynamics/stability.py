@@ -77,8 +77,10 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
             sticking = friction.stiffness, friction.damping, turned * pair
             found.append(LoneMotion("the friction of a contact", *sticking, True))
         for one in resistances(roughness_of(scene.effects))[1:]:
-            # two of one size: (r / 2)^2 over each moment of inertia
-            rolling = one.stiffness, one.damping, 0.25 * (turned - 1.0) * pair
+            # the square of the shortest reduced arm over r, over each moment of inertia
+            radius_n = packing.radius_n
+            arm = float(radius_n.min() / (radius_n.min() + radius_n.max()))
+            rolling = one.stiffness, one.damping, arm**2 * (turned - 1.0) * pair
             found.append(LoneMotion("the resistance of a contact to rolling or twisting", *rolling, True))
     bonds = bonds_of(scene.effects)
     if bonds is not None and not packing.links:

@@ -49,7 +49,7 @@ _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
 
 
 # relative overlaps, rates and masses at which dashpots are asked for their coefficient
-_OVERLAPS, _RATES, _MASSES = (1e-9, 1e-3, 0.3), (-1.0, 1e-6), (0.3, 70.0)
+_OVERLAPS, _RATES, _MASSES = (0.0, 1e-9, 1e-3, 0.3), (-1.0, 1e-6), (0.3, 70.0)
 
 
 class TouchingPair(NamedTuple):
@@ -185,7 +185,11 @@ def _check_damping(what: str, effect: Any) -> None:
     """Refuse a dashpot that pushes along the motion, or is no number, under a spring of stiffness 1."""
     for overlap, rate, mass in itertools.product(_OVERLAPS, _RATES, _MASSES):
         pair = TouchingPair(1.0 - overlap, 1.0, rate, 0.5 * overlap**2, -overlap, 1.0, mass)
-        found = pair_damping(effect, pair)
+        try:
+            found = pair_damping(effect, pair)
+        except ArithmeticError:
+            # of what just touches the energy and the force are 0
+            found = math.nan
         if not 0.0 <= found < math.inf:
             raise ValueError(f"{what}.pair_damping must be finite and not negative, got {found!r} for {pair}")
 

@@ -88,13 +88,13 @@ def resistances(friction: Friction | RoughContacts | None) -> tuple[Any, ...]:
 
 
 def rolling_of(effects: tuple[Any, ...]) -> RollingResistance | None:
-    """Return the resistance to rolling among the effects; None without."""
-    return next((one for one in effects if isinstance(one, RollingResistance)), None)
+    """Return the resistance to rolling among the effects; None without, and where its coefficient is 0."""
+    return next((one for one in effects if isinstance(one, RollingResistance) and one.coefficient > 0.0), None)
 
 
 def twisting_of(effects: tuple[Any, ...]) -> TwistingResistance | None:
-    """Return the resistance to twisting among the effects; None without."""
-    return next((one for one in effects if isinstance(one, TwistingResistance)), None)
+    """Return the resistance to twisting among the effects; None without, and where its coefficient is 0."""
+    return next((one for one in effects if isinstance(one, TwistingResistance) and one.coefficient > 0.0), None)
 
 
 def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.dynamics.spans import with_dashpot
 
 SPRING = pm.Repulsion(pm.LinearSpring(1.0))
 # beyond any limit that is reached
@@ -82,7 +83,9 @@ def test_energy_is_kept_to_second_order_and_momentum_to_rounding(dimension):
         whole = trace.energy_t + trace.kinetic_t
         return np.abs(whole - whole[0]).max() / np.abs(trace.energy_t).max(), run
 
-    coarse, fine = drift(0.02)[0], drift(0.005)[0]
+    coarse, (fine, run) = drift(0.02)[0], drift(0.005)
+    mass = scene.packing.mass_n
+    np.testing.assert_allclose(mass @ run.velocity_nd, mass @ start["velocity_nd"], rtol=0.0, atol=1e-13)
     assert math.log(coarse / fine) / math.log(4.0) == pytest.approx(2.0, abs=0.3)
     assert fine < 1e-4
 
@@ -185,6 +188,21 @@ def test_without_friction_spins_alone_feel_resistance_to_rolling():
     omega = math.sqrt(4.0 * 0.245**2 * 0.3 / 0.125)
     assert np.ptp(run.spin_nk) == pytest.approx(0.15 * abs(math.cos(3.0 * omega)), rel=1e-3)
     np.testing.assert_array_equal(run.velocity_nd, 0.0)
+
+
+def test_resistance_of_coefficient_zero_is_none():
+    scene, start = shaken(2, coefficient=0.2)
+    bare = scene.without(pm.RollingResistance)
+    idle = bare.replace(effects=(*bare.effects, pm.RollingResistance(0.0, 1.0)))
+    assert (pm.stiffness_matrix(idle) != pm.stiffness_matrix(bare)).nnz == 0
+    runs = [pm.simulate(one, steps=50, dt=0.02, check=False, **start).spin_nk for one in (bare, idle)]
+    np.testing.assert_array_equal(*runs)
+
+
+def test_pressing_adds_the_same_dashpot_with_and_without_resistance_to_rolling():
+    scene, _ = shaken(2)
+    found = [with_dashpot(one)[1] for one in (scene, scene.without(pm.RollingResistance))]
+    assert found[0] == found[1] > 0.0
 
 
 def test_what_has_no_meaning_is_refused():
