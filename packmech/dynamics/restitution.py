@@ -162,6 +162,7 @@ def viscoelastic_time(
 
     Examples
     --------
+    >>> import math
     >>> import packmech as pm
     >>> time = pm.viscoelastic_time(pm.LinearSpring(4.0), 0.5, 0.01)
     >>> zeta = math.log(2.0) / math.hypot(math.pi, math.log(2.0))

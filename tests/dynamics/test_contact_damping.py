@@ -38,8 +38,9 @@ def test_a_smooth_onset_restores_second_order_across_a_collision():
 
 def test_a_smooth_dashpot_vanishes_at_contact_and_is_half_at_its_onset():
     dashpot = pm.ContactDamping(0.3, onset=0.02)
-    assert dashpot.pair_first(2.0, 2.0, 1.0) == 0.0
-    assert dashpot.pair_first(1.96, 2.0, 1.0) == pytest.approx(0.15, rel=1e-12)
+    touching = pm.TouchingPair(2.0, 2.0, rate=1.0, energy=0.0, first=0.0, second=0.0, mass=1.0)
+    assert dashpot.pair_damping(touching) == 0.0
+    assert dashpot.pair_damping(touching._replace(distance=1.96)) == pytest.approx(0.15, rel=1e-12)
 
 
 def test_onset_by_name_is_a_number_in_scenes_and_their_files(tmp_path):

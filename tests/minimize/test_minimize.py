@@ -43,7 +43,7 @@ def recomputed_residual(packing, effects=REPULSION):
     scene = pm.Scene(packing, effects)
     contacts = pm.find_contacts(packing)
     force = sum(
-        -effect.pair_first(r, sigma, 0.0)
+        -effect.pair_first(r, sigma)
         for effect in effects
         for r, sigma in zip(contacts.distance_c, contacts.contact_distance_c, strict=True)
     )
