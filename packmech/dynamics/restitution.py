@@ -167,7 +167,7 @@ def viscoelastic_time(
     >>> time = pm.viscoelastic_time(pm.LinearSpring(4.0), 0.5, 0.01)
     >>> zeta = math.log(2.0) / math.hypot(math.pi, math.log(2.0))
     >>> round(time * 4.0, 8), round(2.0 * zeta * math.sqrt(0.5 * 4.0), 8)  # of a linear spring
-    (0.60954902, 0.60954902)
+    (0.60939526, 0.60939526)
 
     """
     aim = real("restitution", restitution, above=0.0, below=1.0)
