@@ -265,8 +265,8 @@ from packmech.measure.contact_statistics import ForceDistribution as ForceDistri
 
 # motion in time
 from packmech.dynamics.simulate import simulate as simulate
-from packmech.dynamics.restitution import coefficient_of_restitution as coefficient_of_restitution
-from packmech.dynamics.restitution import viscoelastic_time as viscoelastic_time
+from packmech.effects.restitution import coefficient_of_restitution as coefficient_of_restitution
+from packmech.effects.restitution import viscoelastic_time as viscoelastic_time
 from packmech.dynamics.simulation import Simulation as Simulation
 from packmech.dynamics.breaking import BrokenBonds as BrokenBonds
 from packmech.dynamics.simulate import resume as resume
@@ -275,8 +275,8 @@ from packmech.dynamics.integrators import VelocityVerlet as VelocityVerlet
 from packmech.dynamics.integrators import SemiImplicitEuler as SemiImplicitEuler
 from packmech.observables import State as State
 from packmech.observables import Table as Table
-from packmech.dynamics.material import material_constants as material_constants
-from packmech.dynamics.material import MaterialConstants as MaterialConstants
+from packmech.effects.material import material_constants as material_constants
+from packmech.effects.material import MaterialConstants as MaterialConstants
 
 # rheology
 from packmech.rheology.oscillatory import oscillatory_shear as oscillatory_shear

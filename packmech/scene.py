@@ -15,7 +15,11 @@ from packmech.calls.display import shown
 from packmech.check import BoxStrain, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
     SIGNED,
+    Bonds,
+    Friction,
     Repulsion,
+    RollingResistance,
+    TwistingResistance,
     bonds_of,
     check_effect,
     check_law,
@@ -649,6 +653,10 @@ class Scene:
                 continue
             _check_numbers(f"effects[{k}]", one)
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
+        for kind in (Friction, Bonds, RollingResistance, TwistingResistance):
+            number = sum(isinstance(one, kind) for one in self.effects)
+            if number > 1:
+                raise ValueError(f"effects must hold one {kind.__name__} at most, got {number}")
         refuse_rolling(self.effects, self.packing)
         self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:

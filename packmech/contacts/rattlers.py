@@ -199,6 +199,24 @@ def _is_free(
 
 
 @device
+def _along(side, k, s, x):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for a in range(x.shape[0]):
+        total += x[a] * side[k, s, a]
+    return total
+
+
+@device
+def _reach(side, k, first, last, x):  # type: ignore[no-untyped-def]
+    """Return how far a unit of force along some rows of a contact reaches along x."""
+    square = 0.0
+    for s in range(first, last):
+        part = _along(side, k, s, x)  # type: ignore[no-untyped-call]
+        square += part * part
+    return math.sqrt(square)
+
+
+@device
 def _farthest(push, side, groups, count, mu, x, best):  # type: ignore[no-untyped-def]
     """Write the wrench that lies farthest against x; return its product with x."""
     p = push.shape[1]
@@ -210,13 +228,7 @@ def _farthest(push, side, groups, count, mu, x, best):  # type: ignore[no-untype
             value += x[a] * push[k, a]
         first = 0
         for last in groups:
-            square = 0.0
-            for s in range(first, last):
-                part = 0.0
-                for a in range(p):
-                    part += x[a] * side[k, s, a]
-                square += part * part
-            value -= mu * math.sqrt(square)
+            value -= mu * _reach(side, k, first, last, x)  # type: ignore[no-untyped-call]
             first = last
         if value < lowest:
             lowest = value
@@ -225,19 +237,12 @@ def _farthest(push, side, groups, count, mu, x, best):  # type: ignore[no-untype
         best[a] = push[chosen, a]
     first = 0
     for last in groups:
-        square = 0.0
+        size = _reach(side, chosen, first, last, x)  # type: ignore[no-untyped-call]
+        scale = -mu / size if size > 0.0 else 0.0
         for s in range(first, last):
-            part = 0.0
+            part = scale * _along(side, chosen, s, x)  # type: ignore[no-untyped-call]
             for a in range(p):
-                part += x[a] * side[chosen, s, a]
-            square += part * part
-        scale = -mu / math.sqrt(square) if square > 0.0 else 0.0
-        for s in range(first, last):
-            part = 0.0
-            for a in range(p):
-                part += x[a] * side[chosen, s, a]
-            for a in range(p):
-                best[a] += scale * part * side[chosen, s, a]
+                best[a] += part * side[chosen, s, a]
         first = last
     return lowest
 

@@ -66,9 +66,6 @@ from packmech.dynamics.time_step import (
 )
 from packmech.effects import (
     Bonds,
-    Friction,
-    RollingResistance,
-    TwistingResistance,
     Walls,
     bonds_of,
     damps,
@@ -718,14 +715,9 @@ def _numbers(profile: Any) -> NDArray[np.float64]:
 def refuse_misfits(scene: Scene) -> None:
     """Refuse bonds of particles or of a dimension that are not the packing's, or whose ends coincide, and walls beyond.
 
-    Bonds without a length have no direction to push in; walls across z mean nothing in a plane; a pair has one
-    tangential spring.
+    Bonds without a length have no direction to push in; walls across z mean nothing in a plane.
     """
     _refuse_shapes(scene)
-    for kind in (Friction, Bonds, RollingResistance, TwistingResistance):
-        number = sum(isinstance(one, kind) for one in scene.effects)
-        if number > 1:
-            raise ValueError(f"scene.effects must hold one {kind.__name__} at most, got {number}")
     position, lattice = scene.packing.position_nd, scene.packing.box.lattice_dd
     n, d = position.shape
     for k, one in enumerate(scene.effects):

@@ -65,8 +65,8 @@ class TouchingPair(NamedTuple):
         Energy of the contact and its derivatives by the distance [energy], [force], [force/length].
     mass
         Inertia of the pair against a change of the distance: m_i m_j / (m_i + m_j) of discs and spheres, that of the
-        other where one is held [mass]. Shapes that are touched off center turn as well and count less. 0 where nothing
-        can move.
+        other where one is held [mass]. Shapes that are touched off center turn as well and count less. Rigid links are
+        not counted. 0 where nothing can move.
 
     """
 

@@ -66,11 +66,8 @@ def tell_apart(cls: Any) -> None:
     _TAKEN.add(cls.__name__)
 
 
-_METHODS: dict[type, tuple[str, dict[str, Callable[..., Any]]]] = {}
-
-
-# what methods take that is no number, by their names: examples of it
-_RECORDS: dict[str, tuple[Any, ...]] = {}
+# of record classes: what one is in messages, its methods, and examples of what these take that is no number
+_METHODS: dict[type, tuple[str, dict[str, Callable[..., Any]], dict[str, tuple[Any, ...]]]] = {}
 
 
 def compiled_methods(
@@ -88,8 +85,7 @@ def compiled_methods(
         By names of methods that take records, not numbers: an example of each argument after self.
 
     """
-    _METHODS[cls] = what, methods
-    _RECORDS.update(records or {})
+    _METHODS[cls] = what, methods, records or {}
     return {name: device(method) for name, method in methods.items()}
 
 
@@ -107,22 +103,22 @@ def _reason(error: NumbaError) -> str:
     return " ".join(lines[:2] if lines and lines[0].endswith(":") else lines[:1]) or type(error).__name__
 
 
-def _argument_types(name: str, method: Callable[..., Any]) -> list[Any]:
-    """Return numba's types of what compiled code gives to a method after self."""
-    given = _RECORDS.get(name)
-    count = len(inspect.signature(method).parameters) - 1
-    return [types.float64] * count if given is None else [typeof(one) for one in given]
+def _argument_types(cls: type, name: str) -> list[Any]:
+    """Return numba's types of what compiled code gives to a method of a class after self."""
+    _, methods, records = _METHODS[cls]
+    count = len(inspect.signature(methods[name]).parameters) - 1
+    return [typeof(one) for one in records[name]] if name in records else [types.float64] * count
 
 
 def _refusal(classes: dict[type, Any]) -> TypeError | None:
     """Return the error that names the first method of these record classes that compiled code cannot use."""
     for cls, numba_type in classes.items():
-        what, methods = _METHODS.get(cls, ("", {}))
+        what, methods, _ = _METHODS.get(cls, ("", {}, {}))
         for name, method in methods.items():
             rule = f"{what} {written_name(cls)}.{name} must"
             dispatcher = njit(**OPTIONS)(method)
             try:
-                dispatcher.compile((numba_type, *_argument_types(name, method)))
+                dispatcher.compile((numba_type, *_argument_types(cls, name)))
             except NumbaError as error:
                 refusal = TypeError(f"{rule} compile: {_reason(error)}")
                 refusal.__cause__ = error
@@ -138,11 +134,11 @@ def makes_arrays(laws: Any) -> bool:
     for cls, numba_type in record_types(laws):
         if cls.__module__.startswith("packmech."):
             continue
-        for name, method in _METHODS.get(cls, ("", {}))[1].items():
+        for name, method in _METHODS.get(cls, ("", {}, {}))[1].items():
             # tried out with references counted: numba would remember for good what failed without
             tried = njit(**OPTIONS)(method)
             try:
-                tried.compile((numba_type, *_argument_types(name, method)))
+                tried.compile((numba_type, *_argument_types(cls, name)))
             except NumbaError:
                 return True
             named = next(iter(tried.overloads.values())).type_annotation.typemap.values()

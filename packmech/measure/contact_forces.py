@@ -520,8 +520,8 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 def torques(scene: Scene) -> NDArray[np.float64]:
     """Return the net torques about each center: (N,) in the plane, (N, 3) in space [force * length].
 
-    Discs and spheres feel those of friction alone (`contact_forces`), ellipses, spheroids and rigid bodies those of
-    their contacts and of walls, too. Held ones have none.
+    Discs and spheres feel those of friction and of resistance to rolling (`contact_forces`), ellipses, spheroids and
+    rigid bodies those of their contacts and of walls, too. Held ones have none.
 
     Parameters
     ----------

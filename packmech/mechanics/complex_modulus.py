@@ -205,8 +205,10 @@ def _damping(scene: Scene, found: Contacts | ShapeContacts, weight_n: NDArray[np
 
 def _touching(
     scene: Scene, found: Contacts | ShapeContacts, weight_n: NDArray[np.float64]
-) -> tuple[Elements, Elements]:
+) -> tuple[list[Elements], list[Elements]]:
     """Return the springs and the dashpots of contacts, those across them among these where there is friction.
+
+    The first of each are those of the contacts; after them come those against rolling and twisting, if there are any.
 
     Parameters
     ----------
@@ -229,7 +231,8 @@ def _touching(
         springs = tangential_elements(found, radius, terms.first_c, terms.second_c, across, friction.stiffness)[0]
     if friction.damping:
         dashpots = tangential_elements(found, radius, slack, damping_c, none, friction.damping)[0]
-    return springs, dashpots
+    turning = scene.effects, found, scene.packing, turning_forces(scene, found, -terms.first_c)
+    return [springs, *turning_springs(*turning)], [dashpots, *turning_springs(*turning, dashpots=True)]
 
 
 @honors(
@@ -305,10 +308,8 @@ def complex_modulus(
         raise ValueError("scene must have contacts or bonds, got none")
     turn, free = network.turn_nkt, network.free_nq & moving[:, None]
     touching, damping = _touching(scene, contacts, moving / packing.mass_n)
-    turning = turning_forces(scene, contacts, -closed_terms(scene, contacts).first_c)
-    also, among = (scene.effects, contacts, packing, turning), (scene.effects, network)
-    springs = (touching, network.interactions.elements(), *across_bonds(*among), *turning_springs(*also))
-    dashpots = (damping, *across_bonds(*among, dashpots=True), *turning_springs(*also, dashpots=True))
+    springs = (touching[0], network.interactions.elements(), *across_bonds(scene.effects, network), *touching[1:])
+    dashpots = (*damping, *across_bonds(scene.effects, network, dashpots=True))
     single, gradients = single_second(scene, network), np.eye(d * d).reshape(-1, d, d)
     elastic = assemble(springs, turn, d, single_nqq=single, basis_edd=gradients)
     viscous = assemble(dashpots, turn, d, basis_edd=gradients)

@@ -186,7 +186,7 @@ def stiffness_matrix(
         their tangential force follows the coefficient times the change of the normal force, as in motions that load
         them all. Most motions do neither: some contacts stick and some slip, which `elastic_moduli` finds for a given
         strain. With less and less friction moduli go over to those without it smoothly if contacts slip only (Henkes,
-        van Hecke and van Saarloos, EPL 90, 14003 (2010)).
+        van Hecke and van Saarloos, EPL 90, 14003 (2010)). Springs against rolling and twisting stick at their limit.
     strain_scale
         As in `hessian`.
 
@@ -305,7 +305,7 @@ def frictional_modes(
 
     They are solutions of stiffness q = eigenvalue * inertia q, with `stiffness_matrix` and the particles' masses and
     moments of inertia, m r^2 / 2 in the plane and 2 m r^2 / 5 in space. Spheres that two contacts hold can turn about
-    the chord between these: a mode near zero each.
+    the chord between these, a mode near zero each, where nothing resists rolling or twisting.
 
     Parameters
     ----------
@@ -321,7 +321,8 @@ def frictional_modes(
     method
         "dense" diagonalization, "shift-invert" (Arnoldi's method, Lanczos's where the matrix is symmetric, on the
         factored matrix, started from a fixed vector), or "auto": dense for up to 600 rows, for all modes, or for more
-        than a quarter of them. Without friction each rotation is a zero mode.
+        than a quarter of them. Without friction, and resistance to rolling, each rotation is a zero
+        mode.
 
     Raises
     ------

@@ -8,6 +8,7 @@ from dataclasses import replace
 from packmech.calls.honors import declare
 from packmech.calls.status import Progress
 from packmech.check import BoxStrain, clear_errors, instance, one_of, positive
+from packmech.effects import resistances, roughness_of
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
@@ -53,8 +54,10 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
     *others, last = [*always, *sometimes]
     names = f"{', '.join(others)}, or {last}" if others else last
     held, where, way = held_columns(scene), "", ""
-    if "friction" in held:
-        where, way = " for a scene with friction", ": leave friction out with scene.without(pm.Friction)"
+    rough = [type(one).__qualname__ for one in resistances(roughness_of(scene.effects))]
+    if rough:
+        kinds = ", ".join(f"pm.{one}" for one in rough)
+        where, way = " for a scene with friction", f": leave friction out with scene.without({kinds})"
     elif held:
         where = ", for a packing with links or shapes"
     raise ValueError(f"method must be {names}{where}, got {method!r}{way}")
@@ -176,7 +179,7 @@ def jam(
     honored = dict.fromkeys((*_HONORED.columns, *method.honors.get(strain, "").split()))
     replace(_HONORED, columns=tuple(honored)).check("scene", scene)
     _check_suits(method, scene, strain)
-    usual = ROUGH_PRESSURE if "friction" in held_columns(scene) else _PRESSURE
+    usual = ROUGH_PRESSURE if held_columns(scene) & {"friction", "rolling"} else _PRESSURE
     name, goal = type(method).__name__, usual if pressure is None else positive("pressure", pressure)
     at_pressure = method.ends_at == "a pressure"
     if not at_pressure and pressure is not None:

@@ -24,6 +24,8 @@ from packmech.effects import (
     acting_friction,
     acts_on_single,
     friction_of,
+    rolling_of,
+    twisting_of,
 )
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
@@ -241,9 +243,10 @@ def examine(
     one_of("strain", strain, ("isotropic", "free"))
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
-    rough = acting_friction(scene.effects) is not None
+    effects = scene.effects
+    rough = any(one is not None for one in (acting_friction(effects), rolling_of(effects), twisting_of(effects)))
     if not rough:
-        # one of coefficient 0 is none
+        # those of coefficient 0 are none
         scene = scene.without(Friction, RollingResistance, TwistingResistance)
     report = Report(scene, _counts(scene, strain), run=run)
     if rough and not verdict:

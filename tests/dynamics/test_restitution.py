@@ -44,34 +44,34 @@ def test_the_dashpot_of_a_linear_spring_is_constant_and_that_of_hertz_spheres_is
         assert pm.Restitution(0.6).pair_damping(hertz) == pytest.approx(alpha * math.sqrt(0.4 * 5.0) * overlap**0.25)
 
 
-def test_viscoelastic_spheres_lose_what_the_first_order_in_their_time_says():
+def test_viscoelastic_spheres_lose_what_the_first_two_orders_in_their_time_say():
     mass, speed = 0.5, 1e-3
     # F = stiffness overlap^(3/2)
     stiffness = -pm.Hertz().first(0.99, 1.0) / 0.01**1.5
     deepest = (1.25 * mass * speed**2 / stiffness) ** 0.4
-    lost = []
-    for time in (1e-3, 5e-4):
+    for time in (1e-2, 1e-3):
         time *= deepest / speed
         found = pm.coefficient_of_restitution((pm.Repulsion(pm.Hertz()), pm.ViscoelasticDamping(time)), speed)
-        # 2 int c v^2 dt over the energy, c = (3/2) time stiffness sqrt(overlap), speeds of the undamped collision
+        # int c v^2 dt over m v^2, c = (3/2) time stiffness sqrt(overlap), speeds of the undamped collision
         share = 3.0 * time * stiffness / (mass * speed) * deepest**1.5 * 0.4 * beta(0.6, 1.5)
-        lost.append((1.0 - found) / share - 1.0)
-    assert abs(lost[0]) < 5e-3
-    assert lost[1] == pytest.approx(0.5 * lost[0], rel=0.02)
+        # e = 1 - share + (3/5) share^2 + ... (Ramirez and others, Phys. Rev. E 60, 4465 (1999))
+        assert (1.0 - found) / share - 1.0 == pytest.approx(-0.6 * share, rel=share)
 
 
 @pytest.mark.parametrize("law", [pm.LinearSpring(2.0), pm.Hertz()], ids=repr)
 def test_the_viscoelastic_time_leaves_the_restitution_it_was_found_for(law):
     how = {"radii": (0.5, 3.0), "masses": (1.0, math.inf)}
-    time = pm.viscoelastic_time(law, 0.8, 1e-3, **how)
+    time = pm.viscoelastic_time(law, 0.98, 1e-3, **how)
     effects = (pm.Repulsion(law), pm.ViscoelasticDamping(time))
-    assert pm.coefficient_of_restitution(effects, 1e-3, **how) == pytest.approx(0.8, rel=1e-8)
+    assert pm.coefficient_of_restitution(effects, 1e-3, **how) == pytest.approx(0.98, rel=1e-8)
     slower = pm.coefficient_of_restitution(effects, 1e-5, **how)
     if isinstance(law, pm.Hertz):
-        # 1 - e grows as speed^(1/5) to first order
-        assert 1.0 - slower == pytest.approx(0.2 * 1e-2**0.2, rel=0.1)
+        # 1 - e = share - (3/5) share^2 to the third order, and the share grows as speed^(1/5)
+        share = (1.0 - math.sqrt(1.0 - 4.0 * 0.6 * 0.02)) / 1.2
+        less = share * 1e-2**0.2
+        assert 1.0 - slower == pytest.approx(less - 0.6 * less**2, rel=share**2)
     else:
-        assert slower == pytest.approx(0.8, rel=1e-8)
+        assert slower == pytest.approx(0.98, rel=1e-8)
 
 
 def test_what_cannot_part_has_the_restitution_zero_and_what_passes_through_is_refused():
@@ -137,7 +137,7 @@ def test_linear_contacts_have_their_restitution_to_second_order_in_the_engine(wa
     for steps in (400, 800, 25600):
         # it opens in the middle of a step, too: a dashpot that jumps there costs no order then
         errors.append(met.after(lasts / steps, steps + 2) - 0.6)
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+    assert math.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=5e-3)
     # places are rounded in every step
     rounding = np.spacing(met.sigma) * math.sqrt(25600.0) / (speed / omega)
     assert abs(errors[2]) < 1e-8 + rounding
@@ -155,6 +155,7 @@ def test_other_laws_have_their_restitution_to_a_thousandth_in_the_engine(law, ra
         deep = law.energy(met.sigma - middle, met.sigma) > 0.5 * met.reduced * speed**2
         low, high = (low, middle) if deep else (middle, high)
     dt = 2e-3 * high / speed
+    # the dashpot sets in, and lets go, within a step: up to half of c dt / m = 2 zeta omega dt = 4e-4 each
     assert met.after(dt, 3000, gap=0.37 * speed * dt) == pytest.approx(0.7, abs=1e-3)
 
 
@@ -163,7 +164,12 @@ def test_a_held_particle_counts_as_infinitely_heavy():
     packing = pm.Packing([[5.0, 5.0], [6.001, 5.0]], [0.5, 0.5], box, mass_n=[1.0, 3.0])
     scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring()), pm.Restitution(0.4), pm.FixedParticles((0,))))
     run = pm.simulate(scene, duration=8.0, dt=1e-3, velocity_nd=[[0.0, 0.0], [-0.01, 0.0]])
-    assert run.velocity_nd[1, 0] == pytest.approx(0.004, rel=1e-3)
+    # as far as the steps in which the contact closes and opens: 2 zeta omega dt
+    assert run.velocity_nd[1, 0] == pytest.approx(0.004, rel=2.0 * zeta(0.4) * math.sqrt(1.0 / 3.0) * 1e-3)
+
+
+# of collisions of shapes
+STEP = 2e-4
 
 
 def shaped(kind, dimension):
@@ -198,17 +204,22 @@ def test_shapes_that_meet_off_center_turn_by_what_restitution_leaves_of_the_impu
             effects = (pm.Repulsion(), pm.Walls(0, 3.9, 9.0, pm.LinearSpring(4.0), damping))
         velocity = np.zeros(met.position_nd.shape)
         velocity[-1, 0] = -1e-3
-        scene = pm.Scene(met, effects)
-        trace = pm.simulate(scene, duration=1500.0, dt=0.01, velocity_nd=velocity, trace_every=20).trace
-        # spins of free bodies change on their way
-        touched = float(trace.time_t[trace.energy_t > 0.0][-1])
-        run = pm.simulate(scene, duration=touched + 1.0, dt=0.01, velocity_nd=velocity)
+        trace = pm.simulate(
+            pm.Scene(met, effects), duration=1500.0, dt=0.01, velocity_nd=velocity, trace_every=20
+        ).trace
+        touching = trace.time_t[trace.energy_t > 0.0]
+        # they fly freely until just before, and spins of free bodies change on their way after it
+        near = met.replace(position_nd=met.position_nd + (touching[0] - 0.5) * velocity)
+        lasts = float(touching[-1] - touching[0]) + 1.5
+        run = pm.simulate(pm.Scene(near, effects), duration=lasts, dt=STEP, velocity_nd=velocity)
         assert pm.energy(pm.Scene(run.packing, effects)) == 0.0
         return np.concatenate([(run.velocity_nd - velocity).ravel(), run.spin_nk.ravel()])
 
     whole = changes(1.0)
     assert np.count_nonzero(np.abs(whole) > 1e-5) > 1
-    np.testing.assert_allclose(changes(0.4), 0.7 * whole, rtol=0.0, atol=3e-3 * np.abs(whole).max())
+    # the steps in which contacts close and open, 2 zeta omega dt, and how far shapes move while they touch
+    close = 2.0 * zeta(0.4) * math.sqrt(4.0 / 0.3) * STEP + 1e-3
+    np.testing.assert_allclose(changes(0.4), 0.7 * whole, rtol=0.0, atol=close * np.abs(whole).max())
 
 
 def test_minimizers_and_forces_at_rest_know_no_dashpots():
@@ -227,8 +238,8 @@ def test_complex_moduli_have_the_dashpots_that_small_oscillations_have(dashpot):
     scene = pm.Scene(rest, (pm.Repulsion(pm.Hertz()), dashpot))
     due = pm.complex_modulus(scene, [0.2]).modulus_f[0]
     assert due.imag > 0.0
-    run = pm.oscillatory_shear(scene, amplitude=1e-7, frequency=0.2, periods=12, skip_periods=10, pre_periods=0)
-    assert complex(run.moduli.storage, run.moduli.loss) == pytest.approx(due, rel=2e-4)
+    run = pm.oscillatory_shear(scene, amplitude=1e-7, frequency=0.2, periods=24, skip_periods=22, pre_periods=0)
+    assert complex(run.moduli.storage, run.moduli.loss) == pytest.approx(due, rel=3e-5)
 
 
 def test_walls_keep_their_dashpot_in_scene_files(tmp_path):

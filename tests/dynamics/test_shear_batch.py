@@ -28,6 +28,13 @@ def frictional(seed):
     return scene.replace(effects=(*scene.effects, *effects))
 
 
+@cache
+def rolling(seed):
+    """A scene whose contacts resist rolling, too."""
+    scene = frictional(seed)
+    return scene.replace(effects=(*scene.effects, pm.RollingResistance(0.2, 0.3, 0.1)))
+
+
 def shaken(batch, frames, seed):
     rng = np.random.default_rng(seed)
     for _ in range(frames):
@@ -35,7 +42,7 @@ def shaken(batch, frames, seed):
     return batch
 
 
-@pytest.mark.parametrize("make", [plain, frictional])
+@pytest.mark.parametrize("make", [plain, frictional, rolling])
 def test_a_packing_in_a_batch_has_the_bits_of_the_packing_alone_on_any_number_of_threads(make):
     scenes = [make(seed) for seed in range(5)]
     rng = np.random.default_rng(0)
@@ -67,9 +74,10 @@ def test_a_packing_that_rests_while_others_move_goes_on_as_if_nothing_had_been()
     assert np.array_equal(busy.figure_bk, lazy.figure_bk)
 
 
+@pytest.mark.parametrize("make", [frictional, rolling])
 @pytest.mark.parametrize(("control", "path"), [("strain", "increments"), ("strain_and_rate", "exact")])
-def test_a_scripted_sine_has_the_moduli_of_oscillatory_shear(control, path):
-    scene = frictional(3)
+def test_a_scripted_sine_has_the_moduli_of_oscillatory_shear(control, path, make):
+    scene = make(3)
     run = pm.oscillatory_shear(scene, amplitude=AMPLITUDE, frequency=FREQUENCY, periods=2, strain_path=path)
     every = run.steps // (len(run.time_t) - 1)
     batch = pm.ShearBatch([scene], control=control, dt=run.dt)

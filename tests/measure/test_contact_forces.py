@@ -165,6 +165,38 @@ def balances(normal, arm, mu):
     return bool(can_balance(push, side, np.array([side.shape[1]]), count, mu))
 
 
+def test_what_resists_rolling_balances_what_a_linear_program_balances():
+    """In the plane, where cones are edges: forces, tangential forces and moments, each kind within its own limit."""
+    from scipy.optimize import linprog
+
+    rng = np.random.default_rng(2)
+    told, sliding_alone = [], []
+    for _ in range(80):
+        count = int(rng.integers(2, 5))
+        normal = rng.normal(size=(count, 2)) - 0.5
+        normal /= np.linalg.norm(normal, axis=1)[:, None]
+        arm, mu, rolling = rng.uniform(0.1, 1.0, count), rng.uniform(0.05, 1.0), rng.uniform(0.02, 0.5)
+        across = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+        push = np.hstack([-normal, np.zeros((count, 1))])
+        slide = np.hstack([across, arm[:, None]])
+        turn = np.hstack([np.zeros((count, 2)), arm[:, None]])
+        side = np.stack([slide, rolling / mu * turn], axis=1)
+        found = bool(can_balance(push, side, np.array([1, 2]), count, mu))
+        eye = np.eye(count)
+        limits = [[mu * eye, sign * eye, 0 * eye] for sign in (1, -1)] + [
+            [rolling * eye, 0 * eye, sign * eye] for sign in (1, -1)
+        ]
+        balance = np.vstack([np.vstack([push, slide, turn]).T, np.r_[np.ones(count), np.zeros(2 * count)]])
+        bounds = [(0, None)] * count + [(None, None)] * (2 * count)
+        program = linprog(
+            np.zeros(3 * count), -np.block(limits), np.zeros(4 * count), balance, [0, 0, 0, 1], bounds=bounds
+        )
+        assert found is (program.status == 0)
+        told.append(found)
+        sliding_alone.append(balances(normal, arm, mu))
+    assert 10 < sum(told) < 70 and sum(sliding_alone) < sum(told)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("mu", [1e-3, 0.4, 10.0])
 def test_two_contacts_hold_where_the_chord_lies_in_both_cones(dimension, mu):

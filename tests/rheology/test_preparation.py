@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.dynamics.material import contact_stiffness
+from packmech.effects.material import contact_stiffness
 from packmech.validation.particle_shear import ParticleShear
 
 

@@ -9,7 +9,7 @@ and a tuple `axes` as long as the dimension, so that a plane does not pay for th
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import literal_unroll
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions, project_forces, project_rows, refresh
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.jit.compiled import compiled_form, device, inlined, inner_kernel, inner_lean, kernel
+from packmech.jit.by_type import by_type
+from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
 from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
 from packmech.minimize.passes.shape_rows import (
@@ -104,16 +105,8 @@ class Resistance(NamedTuple):
     coefficient: float
 
 
-def _resistance(effect: Any, rate: float) -> float:
-    """Return the part of a dashpot in the slope of a touch; zero of effects."""
-    raise NotImplementedError("rows are pushed in compiled loops")
-
-
-@compiled_form(_resistance)
-def _choose_resistance(effect: Any, rate: Any) -> Any:
-    if getattr(effect, "instance_class", None) is Resistance:
-        return lambda effect, rate: effect.coefficient * rate
-    return lambda effect, rate: 0.0
+# the part of a dashpot in the slope of a touch; zero of effects
+_resistance = by_type(lambda effect, rate: 0.0, {Resistance: lambda effect, rate: effect.coefficient * rate})
 
 
 @device

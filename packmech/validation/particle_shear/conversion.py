@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from packmech import check
 from packmech.box import Box
-from packmech.dynamics.material import contact_stiffness as native_stiffness
 from packmech.effects import (
     BackgroundDamping,
     Bonds,
@@ -25,6 +24,7 @@ from packmech.effects import (
     PlateauRepulsion,
     Repulsion,
 )
+from packmech.effects.material import contact_stiffness as native_stiffness
 from packmech.packing import Packing
 from packmech.scene import OscillatoryShearDrive, Scene
 from packmech.validation.particle_shear.experiment import ParticleShear

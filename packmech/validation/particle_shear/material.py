@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from packmech import check
-from packmech.dynamics import material as native
+from packmech.effects import material as native
 from packmech.jit.compiled import device
 
 

@@ -13,7 +13,11 @@ from typing import Any
 
 from packmech.calls.display import shown
 from packmech.check import clear_errors, integer, positive, real
-from packmech.effects import BackgroundDamping, ContactDamping, DivergentRepulsion, Friction, Repulsion
+from packmech.effects.body import BackgroundDamping
+from packmech.effects.damping import ContactDamping
+from packmech.effects.friction import Friction
+from packmech.effects.frictional_laws import DivergentRepulsion
+from packmech.effects.repulsion import Repulsion
 
 # density in kg/m^3 to kg per m of depth and um^2
 _PER_SQUARE_UM = 1e-12

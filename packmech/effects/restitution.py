@@ -12,19 +12,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from packmech.check import clear_errors, positive, positive_array, real
-from packmech.effects import (
-    Repulsion,
-    ViscoelasticDamping,
-    damps,
-    is_bound,
-    is_effect,
-    is_interaction,
-    is_law,
-    pair_damping,
-    pair_energy,
-)
-from packmech.effects.laws import Law
-from packmech.effects.pair import at_overlap
+from packmech.effects.damping import ViscoelasticDamping
+from packmech.effects.interaction import is_interaction
+from packmech.effects.laws import Law, is_law
+from packmech.effects.pair import at_overlap, damps, is_bound, is_effect, pair_damping, pair_energy
+from packmech.effects.repulsion import Repulsion
 
 # relative error of the collision's integration
 _ACCURACY = 1e-11
@@ -75,20 +67,19 @@ def coefficient_of_restitution(
         knows = is_effect(one) and not is_bound(one) and not is_interaction(one)
         if not knows or not (hasattr(one, "pair_energy") or damps(one)):
             raise TypeError(f"effects[{k}] must be a repulsion or a dashpot of touching pairs, got {one!r}")
+    return _restitution(acting, positive("speed", speed), *_pair_of(radii, masses))
+
+
+def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[float, float]:
+    """Return the contact distance and the reduced mass of two particles; one of the masses may be infinite."""
     sigma = float(positive_array("radii", radii, shape=(2,), what="radius").sum())
-    inverse = float((1.0 / _masses(masses)).sum())
-    return _restitution(acting, positive("speed", speed), sigma, 1.0 / inverse)
-
-
-def _masses(masses: ArrayLike) -> NDArray[np.float64]:
-    """Return two masses that are positive, and may be infinite."""
     try:
         found = np.asarray(masses, dtype=np.float64)
     except (TypeError, ValueError):
         raise TypeError(f"masses must be two positive numbers, got {masses!r}") from None
     if found.shape != (2,) or not (found > 0.0).all() or np.isinf(found).all():
         raise ValueError(f"masses must be two positive numbers, one of them finite, got {masses!r}")
-    return found
+    return sigma, 1.0 / float((1.0 / found).sum())
 
 
 def _restitution(effects: tuple[Any, ...], speed: float, sigma: float, mass: float) -> float:
@@ -174,11 +165,15 @@ def viscoelastic_time(
     if not is_law(law):
         raise TypeError(f"law must be a law such as Hertz(), got {law!r}")
 
+    sigma, mass = _pair_of(radii, masses)
+    energy = 0.5 * mass * positive("speed", speed) ** 2
+
     def beyond(time: float) -> float:
         effects = (Repulsion(law), ViscoelasticDamping(time))
         return coefficient_of_restitution(effects, speed, radii=radii, masses=masses) - aim
 
-    return _root(beyond, 1e-3)
+    # a little of the time that a collision takes
+    return _root(beyond, 1e-3 * _overlap_of((Repulsion(law),), energy, sigma) / positive("speed", speed))
 
 
 def _root(beyond: Callable[[float], float], start: float) -> float:
