@@ -132,6 +132,9 @@ from packmech.minimize.first_order.steepest_descent import SteepestDescent as St
 from packmech.minimize.first_order.damped import DampedDynamics as DampedDynamics
 
 # prepare and shear quasistatically
+from packmech.protocols.deform import deform as deform
+from packmech.protocols.deform import deform_at_rate as deform_at_rate
+from packmech.protocols.deform import Deformation as Deformation
 from packmech.protocols.shearing.quasistatic import quasistatic_shear as quasistatic_shear
 from packmech.protocols.shearing.quasistatic import QuasistaticShear as QuasistaticShear
 from packmech.protocols.shearing.quasistatic import Avalanche as Avalanche
@@ -379,6 +382,8 @@ from packmech.jit.compiled import kernel as kernel
 #: viscosity, flow -> steady_shear
 #: yield_stress -> steady_shear, quasistatic_shear
 #: aqs -> quasistatic_shear
+#: triaxial, biaxial, direct_shear, servo, barostat -> deform_at_rate, deform
+#: mixed_control, uniaxial_stress -> deform, deform_at_rate
 #: force_network, overlaps, normal_forces -> contact_forces
 #: rattlers -> find_rattlers
 #: import, load, open, read -> read_packing, read_trajectory, from_ase

@@ -40,6 +40,7 @@ RESULTS = {
     "Ensemble",
     "FamilyChange", "ForceChains", "ForceDistribution", "GroupStatistics", "Histogram", "Neighbors",
     "NematicOrder", "PairDistribution", "PartialStructureFactors", "PowerLawFit", "QuasistaticShear",
+    "Deformation",
     "ShearFamilies", "ShellAverage", "SpectrumFit",
     "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
     "particle_shear",
@@ -408,6 +409,11 @@ BAD = {
     "aspect_n": [None, "a", [0.0, 1.0], [NAN, 1.0], [[2.0, 2.0]]],
     "director_nd": [None, "d", [1.0, 0.0], [[1.0], [1.0]], [[0.0, 0.0], [1.0, 0.0]], [[NAN, 0.0], [1.0, 0.0]]],
     "FixedParticles.velocity": [None, "1", 3.0, [NAN, 0.0], [[1.0, 0.0]]],
+    **{
+        f"{one}.{name}": [None, 0.1, ["xx"], {"yx": 0.1}, {"xx": NAN}, {"xx": "1"}, {0: 1.0}, {"yy": 0.1, "zz": 0.1}]
+        for one in ("deform", "deform_at_rate")
+        for name in ("strain", "stress")
+    },
     "sweep_stress.stresses": [None, "1", [], [[-1.0, -1.0]], [[[NAN, 0.0], [0.0, -1.0]]], [[[-1.0, 0.1], [0.0, -1.0]]]],
     "pressures": [None, "1", [], [0.0], [-1.0], [NAN], [[1.0]]],
     "tangential": [3, "springs"],
@@ -451,6 +457,7 @@ BAD = {
         for one, names in {
             "shear_at_pressure": ("rate", "pressure", "applied_strain", "answer", "pressure_tolerance"),
             "shear_jam": ("rate", "pressure", "step", "largest_strain", "force_tolerance"),
+            "deform_at_rate": ("rate", "answer", "stress_tolerance"),
         }.items()
         for name in names
     },
@@ -901,6 +908,8 @@ def good(name, folder):
             "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
             "stresses": [[[-2e-3, 0.0], [0.0, -2e-3]]],
         },
+        "deform": {"scene": pressed(), "strain": {"yy": -1e-4}, "steps": 1},
+        "deform_at_rate": {"scene": scene(), "rate": 0.01, "strain": {"xx": -0.002}},
         "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
         "plot": {"thing": touching()},
         "write_pictures": {

@@ -70,6 +70,8 @@ CALLS = {
     "sweep_pressure": lambda progress: pm.sweep_pressure(jammed(), [2e-3, 4e-3], progress=progress),
     "shear_stabilize": lambda progress: pm.shear_stabilize(jammed(), progress=progress),
     "quasistatic_shear": lambda progress: pm.quasistatic_shear(jammed(), 0.05, progress=progress),
+    "deform": lambda progress: pm.deform(jammed(), strain={"xy": 0.05}, progress=progress),
+    "deform_at_rate": lambda progress: pm.deform_at_rate(damped(), rate=0.1, strain={"xy": 200.0}, progress=progress),
     "cyclic_shear": lambda progress: pm.cyclic_shear(jammed(), 0.02, 2, progress=progress),
     "shear_families": lambda progress: pm.shear_families(jammed().packing, 0.01, progress=progress),
     "tap": lambda progress: pm.tap(jammed(), 0.1, 2, seed=1, pressure=1e-3, progress=progress),

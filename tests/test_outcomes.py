@@ -31,6 +31,10 @@ LATE = {
     "sweep_pressure": lambda jammed, **given: pm.sweep_pressure(jammed, [1e-2], **given)[-1],
     "tap": lambda jammed, **given: pm.tap(jammed, 0.05, 2, seed=1, pressure=1e-3, **given)[-1],
     "quasistatic_shear": lambda jammed, **given: pm.quasistatic_shear(jammed, 0.1, **given),
+    "deform": lambda jammed, **given: pm.deform(jammed, strain={"yy": -0.01}, **given),
+    "deform_at_rate": lambda jammed, **given: pm.deform_at_rate(
+        jammed.replace(effects=ROUGH), rate=1e-6, strain={"yy": -0.01}, **given
+    ),
     "shear_families": lambda jammed, **given: pm.shear_families(jammed.packing, 0.1, **given),
     "simulate": lambda jammed, **given: pm.simulate(jammed, steps=10**7, **given),
     "ramp_strain": lambda jammed, **given: pm.ramp_strain(

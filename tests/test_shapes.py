@@ -20,7 +20,7 @@ HONOR = {
     "elastic_moduli", "complex_modulus", "states_of_self_stress", "floppy_modes", "quartic_modes",
     "simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "equilibrate", "amplitude_sweep",
     "bead_packing", "classify_jamming",
-    "shear_families", "quasistatic_shear", "cyclic_shear", "tap",
+    "shear_families", "quasistatic_shear", "deform", "deform_at_rate", "cyclic_shear", "tap",
     "anneal_shape", "bond_orientational_order", "contact_statistics", "correlation_function", "find_neighbors",
     "contact_forces", "force_chains", "force_distribution", "frictional_modes", "settle", "stiffness_matrix",
     "coarse_grain", "displacements", "local_strain", "nematic_order", "pair_distribution", "partial_structure_factors",

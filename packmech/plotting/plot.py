@@ -30,6 +30,7 @@ from packmech.mechanics.elasticity import Moduli
 from packmech.mechanics.modes import Modes, StateDensity
 from packmech.packing import Packing
 from packmech.protocols.cement import Cementing
+from packmech.protocols.deform import Deformation
 from packmech.protocols.shearing.families import ShearFamilies
 from packmech.protocols.shearing.quasistatic import QuasistaticShear
 from packmech.result import Run, Trace
@@ -577,6 +578,21 @@ def _draw_quasistatic(run: QuasistaticShear, ax: Any, *, label: str = "") -> Non
     ax.plot(run.strain_t, run.shear_stress_t, linewidth=1.0, **_curve(ax, label))
     ax.set(xlabel=r"shear strain $\gamma$", ylabel="shear stress [energy_scale/diameter$^d$]")
     _finish(ax, f"quasistatic shear: {len(run.avalanches)} avalanches")
+
+
+@_draws(Deformation)
+def _draw_deformation(run: Deformation, ax: Any, *, label: str = "") -> None:
+    """Draw the stresses against the largest of the given strains; of stresses alone against the row."""
+    given = run.asked.end_dd
+    place = divmod(int(np.abs(given).argmax()), len(given))
+    strain_t = run.strain_tdd[:, *place] if given.any() else np.arange(len(run.strain_tdd))
+    names = run.component_names
+    for number, (at, name) in enumerate(names.items()):
+        color = COLORS[number % len(COLORS)]
+        text = rf"{label} $\sigma_{{{name}}}$".strip() + (" held" if at in run.asked.stress else "")
+        ax.plot(strain_t, run.stress_tdd[:, *at], linewidth=1.0, color=color, label=text)
+    ax.set(xlabel=f"strain {names[place]}" if given.any() else "row", ylabel=f"stress {_UNIT}")
+    _finish(ax, "deformation, tension positive")
 
 
 @_draws(ShearFamilies)

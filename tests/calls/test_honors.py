@@ -98,6 +98,11 @@ MOVING = {
             scene, rate=0.05, pressure=0.01, applied_strain=0.05, skip_strain=0.0, dt=0.02, check=False
         ).packing.position_nd
     ),
+    "deform_at_rate": lambda scene: (
+        pm.deform_at_rate(
+            scene, rate=0.05, strain={"xx": -0.05}, stress={"yy": -0.01}, dt=0.02, stress_tolerance=10.0, check=False
+        ).packing.position_nd
+    ),
     "shear_jam": lambda scene: (
         pm.shear_jam(
             scene, pressure=1e-4, step=0.01, largest_strain=0.01, step_limit=2000, check=False
@@ -138,6 +143,7 @@ RESTING = {
     "sweep_pressure": lambda scene: pm.sweep_pressure(scene, [1e-3])[0].packing.position_nd,
     "sweep_stress": lambda scene: pm.sweep_stress(scene, [-1e-3 * np.eye(2)])[0].packing.position_nd,
     "quasistatic_shear": lambda scene: pm.quasistatic_shear(scene, 1e-4, step=1e-4, locate="none").packing.position_nd,
+    "deform": lambda scene: pm.deform(scene, strain={"xx": -1e-4}, steps=1).packing.position_nd,
     "shear_stabilize": lambda scene: pm.shear_stabilize(scene).packing.position_nd,
     "hessian": lambda scene: pm.hessian(scene).toarray(),
     "dynamical_matrix": lambda scene: pm.dynamical_matrix(scene).toarray(),
@@ -288,7 +294,7 @@ def test_every_effect_changes_a_call_that_honors_it(call):
     """A compiled loop of all effects, and the same with one of them of no strength: the answers differ."""
     honored = [column for column in EFFECTS if CALLS[call].answer(column) == HONORED]
     # a box that deforms says nothing of where particles are held
-    sheared = dict.fromkeys(("shear_at_pressure", "shear_jam"), ("gravity", "walls", "held"))
+    sheared = dict.fromkeys(("deform_at_rate", "shear_at_pressure", "shear_jam"), ("gravity", "walls", "held"))
     left_out = {"simulate": (), **sheared}.get(call, ("held",))
     assert honored == [column for column in EFFECTS if column not in left_out]
     # walls are smooth: no scene has them and friction; each effect acts in one of these at least

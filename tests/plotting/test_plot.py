@@ -65,6 +65,7 @@ CURVES = {
     "forces": (lambda: pm.force_distribution(jammed(), bins=10), "mean contact force"),
     "histogram": (lambda: pm.histogram(np.random.default_rng(1).normal(size=100)), "value"),
     "quasistatic shear": (lambda: pm.quasistatic_shear(jammed(), 4e-3, step=2e-3), "strain"),
+    "deformation": (lambda: pm.deform(jammed(), strain={"yy": -4e-3}, stress={"xx": -1e-3}, steps=2), "strain"),
     "ramp": (lambda: pm.ramp_strain(damped(), rate=0.1, applied_strain=0.02), "strain"),
     "oscillation": (lambda: pm.oscillatory_shear(damped(), amplitude=1e-3, frequency=0.05, periods=2), "strain"),
     "creep": (lambda: pm.creep(damped(), stress=1e-4, duration=5.0), "time"),

@@ -25,6 +25,7 @@ from packmech.observables import Table, make_table
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, check_jammed, finish
+from packmech.protocols.shearing.sheared_lattice import ShearedLattice
 from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
@@ -521,7 +522,8 @@ class _Shear:
             if not outcome.ok:
                 return outcome
             protocol.scene = protocol.scene.replace(packing=protocol.last)
-        self.path = path = StrainPath(protocol, self.axes, None if self.asked is None else self.asked * unit)
+        lattice = ShearedLattice(protocol.reduced(protocol.scene.packing), self.axes)
+        self.path = path = StrainPath(protocol, lattice, None if self.asked is None else self.asked * unit)
         if not path.sound:
             return Outcome.STALLED
         self._keep(path.now, 0.0, float(goals[0]))

@@ -1,4 +1,4 @@
-"""The lattice of a box that shears on and on: its shape at each strain, and what renewing its vectors does to pairs."""
+"""Lattices of boxes that deform on and on: by shears, and by strains that are given in part."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from packmech.box import Box
 from packmech.packing import Packing
@@ -95,3 +96,35 @@ class ShearedLattice:
         self._change_dd = self._change_dd @ change
         moved = contacts.image_cd @ back.T + image[contacts.j_c] - image[contacts.i_c]
         return packing.replace(position_nd=position, box=small), np.ascontiguousarray(moved)
+
+
+class StrainedLattice:
+    """A lattice that strains by given components of the velocity gradient, while others are free.
+
+    Parameters
+    ----------
+    direction_dd
+        (d, d) components given, for a way of one.
+
+    """
+
+    def __init__(self, direction_dd: NDArray[np.float64]) -> None:
+        self.shear_dd = direction_dd
+
+    def moved_on(
+        self,
+        packing: Packing,
+        strain: float,
+        further: float,
+        u_nq: NDArray[np.float64],
+        gradient_dd: NDArray[np.float64],
+    ) -> Packing:
+        """Return the packing moved on along its rates, as `ShearedLattice.moved_on` does.
+
+        The box goes by the exponential of the gradient: its integral over the way is what strains count.
+        """
+        step, d = further - strain, packing.dimension
+        whole_dd = expm(step * gradient_dd)
+        along = packing.position_nd @ (whole_dd - np.eye(d)).T + step * u_nq[:, :d]
+        moved = packing.moved(np.hstack([along, step * u_nq[:, d:]]))
+        return moved.replace(box=Box(whole_dd @ packing.box.lattice_dd))

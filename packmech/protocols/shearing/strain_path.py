@@ -1,4 +1,4 @@
-"""One soft packing on its way along a shear strain, at constant volume or pressure, from equilibrium to equilibrium."""
+"""One soft packing on its way along a strain, volume, pressure or stresses held, from equilibrium to equilibrium."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
 from packmech.measure.contact_forces import resting_forces
-from packmech.minimize.second_order.soft_network import Response, SoftNetwork
+from packmech.minimize.second_order.soft_network import Load, Response, SoftNetwork, scaled_load
 from packmech.minimize.second_order.soft_newton import SoftState, descend, newton
 from packmech.packing import Packing
 from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import Protocol
-from packmech.protocols.shearing.sheared_lattice import ShearedLattice
+from packmech.protocols.shearing.sheared_lattice import ShearedLattice, StrainedLattice
 from packmech.protocols.soft import equilibrium, search_pressure
 
 Pairs = frozenset[tuple[int, ...]]
@@ -47,20 +47,20 @@ _TOLERANCE, _STEPS, _ROUNDS = 1e-3, 200_000, 3
 
 @dataclass(frozen=True, eq=False)
 class Sheared:
-    """A packing in equilibrium at a shear strain, in reduced units, and how it answers to more of it.
+    """A packing in equilibrium at a strain, in reduced units, and how it answers to more of it.
 
     Attributes
     ----------
     strain
-        Shear strain since the start.
+        Strain since the start.
     packing, network
         The packing and what Newton's method sees of it.
     pairs
         Contacts of particles that are no rattlers, as (i, j, image).
     answer
-        Its linear response to the shear.
+        Its linear response to the strain.
     energy, pressure, stress
-        Energy [energy], pressure and shear stress [energy/length^d], tension positive.
+        Energy [energy], pressure, and stress along the strain [energy/length^d], tension positive.
     enthalpy
         Energy, and pressure held times volume [energy].
     volume
@@ -90,7 +90,7 @@ class Sheared:
 
     @property
     def modulus(self) -> float:
-        """Tangent modulus of the shear: its curvature over the volume [energy/length^d]."""
+        """Tangent modulus of the strain: its curvature over the volume [energy/length^d]."""
         return self.curvature / self.volume
 
     @property
@@ -119,27 +119,30 @@ class Located(NamedTuple):
 
 
 class StrainPath:
-    """One packing on its way in shear strain.
+    """One packing on its way in strain.
 
     Parameters
     ----------
     protocol
         The protocol of a packing at rest; its free strains are those that the box makes by itself: none at constant
         volume, the isotropic one at constant pressure.
-    axes
-        Direction of the flow, and of its gradient.
-    pressure
-        Pressure that is held [energy/length^d]; None holds the volume.
+    lattice
+        What the strain does to the box.
+    load
+        Pressure [energy/length^d] or stress that is held; None: neither.
 
     """
 
-    def __init__(self, protocol: Protocol, axes: tuple[int, int], pressure: float | None) -> None:
-        self.protocol, self.axes, self.pressure = protocol, axes, pressure
+    def __init__(
+        self, protocol: Protocol, lattice: ShearedLattice | StrainedLattice, load: float | Load | None
+    ) -> None:
+        self.protocol, self.lattice = protocol, lattice
+        # a stress has no enthalpy
+        self.pressure = load if isinstance(load, float) else 0.0
         scene, d = protocol.scene, protocol.scene.packing.dimension
         self.unit = protocol.length**d / scene.energy_scale
-        self.load = None if pressure is None else pressure * self.unit
+        self.load = scaled_load(load, self.unit)
         packing = protocol.reduced(scene.packing)
-        self.lattice = ShearedLattice(packing, axes)
         self.shear_dd = self.lattice.shear_dd
         self.tolerance = max(protocol.force_tolerance, 1e-7)
         # where a contact has just opened and nothing balances what it bore, forces are off by little: such a packing
@@ -179,13 +182,12 @@ class StrainPath:
         restored = self.protocol.restored(packing)
         found = resting_forces(self.protocol.scene.replace(packing=restored))
         d, volume, own, stress = packing.dimension, restored.box.volume, found.energy, found.stress_dd
-        flow, gradient = self.axes
+        along = float((0.5 * (stress + stress.T) * self.shear_dd).sum())
         pairs, held = bearing_pairs(packing, network)
         answer = network.response(self.shear_dd)
         return Sheared(
             strain, packing, network, pairs, answer, own,
-            (0.0 - float(np.trace(stress))) / d, 0.5 * float(stress[flow, gradient] + stress[gradient, flow]),
-            own + (self.pressure or 0.0) * volume, volume, state.residual,
+            (0.0 - float(np.trace(stress))) / d, along, own + self.pressure * volume, volume, state.residual,
             answer.curvature * self.protocol.scene.energy_scale, held,
         )  # fmt: skip
 
@@ -248,9 +250,8 @@ class StrainPath:
 
     def _fallen(self, start: Sheared, strain: float) -> Sheared:
         """Return the equilibrium that an unstable packing falls to."""
-        step, packing = strain - start.strain, start.packing
-        position = packing.position_nd + step * packing.position_nd @ self.shear_dd.T
-        packing = packing.replace(position_nd=position, box=self.lattice.box(strain, packing.box.volume))
+        still = np.zeros_like(start.answer.u_nd)
+        packing = self.lattice.moved_on(start.packing, start.strain, strain, still, self.shear_dd)
         units, basis = self.protocol.units, self.protocol.basis_kdd
         state = descend(packing, units, basis, self.load)
         self.iterations += state.iterations
