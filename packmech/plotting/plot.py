@@ -581,17 +581,15 @@ def _draw_quasistatic(run: QuasistaticShear, ax: Any, *, label: str = "") -> Non
 
 
 @_draws(Deformation)
-def _draw_deformation(run: Deformation, ax: Any, *, label: str = "") -> None:
-    """Draw the stresses against the largest of the given strains; of stresses alone against the row."""
-    given = run.asked.end_dd
+def _draw_deformation(run: Deformation, ax: Any, *, component: str | None = None, label: str = "") -> None:
+    """Draw a component of the stress, unless named that of the largest given strain, against this strain."""
+    given, names = run.asked.end_dd, run.component_names
     place = divmod(int(np.abs(given).argmax()), len(given))
+    places = {name: at for at, name in names.items()}
+    drawn = names[place] if component is None else one_of("component", component, tuple(places))
     strain_t = run.strain_tdd[:, *place] if given.any() else np.arange(len(run.strain_tdd))
-    names = run.component_names
-    for number, (at, name) in enumerate(names.items()):
-        color = COLORS[number % len(COLORS)]
-        text = rf"{label} $\sigma_{{{name}}}$".strip() + (" held" if at in run.asked.stress else "")
-        ax.plot(strain_t, run.stress_tdd[:, *at], linewidth=1.0, color=color, label=text)
-    ax.set(xlabel=f"strain {names[place]}" if given.any() else "row", ylabel=f"stress {_UNIT}")
+    ax.plot(strain_t, run.stress_tdd[:, *places[drawn]], linewidth=1.0, **_curve(ax, label))
+    ax.set(xlabel=f"strain {names[place]}" if given.any() else "row", ylabel=f"stress {drawn} {_UNIT}")
     _finish(ax, "deformation, tension positive")
 
 
