@@ -29,6 +29,7 @@ PARTICLES, FRACTION = 1000, 0.95
 RATE, DT, STEPS, REPEATS = 1e-3, 0.05, 1000, 4
 WARM_STEPS = 2000
 SPRING, DASHPOT = pm.Repulsion(law=pm.LinearSpring()), pm.ContactDamping(0.3)
+ROLLING = pm.RollingResistance(0.1, 0.1, 0.05)
 FRICTION, DRAG = pm.Friction(0.5, 2.0 / 7.0, 0.15), pm.BackgroundDamping(0.01)
 SHEAR = np.array([[0.0, 1.0], [0.0, 0.0]])
 
@@ -137,6 +138,7 @@ def measure() -> list[Cost]:
         ("spring", (SPRING,), 0),
         ("spring, dashpot", (SPRING, DASHPOT), 0),
         ("spring, dashpot, friction", all_three, 0),
+        ("spring, dashpot, friction, rolling resistance", (*all_three, ROLLING), 0),
         ("spring, dashpot, friction, background damping", (*all_three, DRAG), 0),
         ("spring, dashpot, friction, bonds", (*all_three, bonds_of(start.packing)), 0),
         ("spring, dashpot, friction", all_three, 10),

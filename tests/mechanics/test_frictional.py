@@ -416,6 +416,54 @@ def test_a_row_of_discs_that_resists_rolling_is_held_by_two_contacts_a_disc(part
         assert pm.contact_forces(scene).isostatic_coordination == (2.0 if scene is rough else 3.0)
 
 
+def rows_of_contacts(scene, kept):
+    """Return the rows of all contacts of kept particles: how distance, slip, roll and twist grow with each motion."""
+    packing = scene.packing
+    d, k = packing.dimension, 1 if packing.dimension == 2 else 3
+    found = pm.find_contacts(packing)
+    rows = []
+    for i, j, vector in zip(found.i_c, found.j_c, found.vector_cd, strict=True):
+        if not (kept[i] and kept[j]):
+            continue
+        n = np.zeros(3)
+        n[:d] = vector / np.linalg.norm(vector)
+        share = np.linalg.norm(vector) / (packing.radius_n[i] + packing.radius_n[j])
+        one = np.zeros((3 + 3, len(kept), d + k))
+        for a in range(d):
+            one[:3, i, a], one[:3, j, a] = -np.eye(3)[a], np.eye(3)[a]
+        for b in range(k):
+            spin = np.eye(3)[2 if d == 2 else b]
+            for end in (i, j):
+                one[:3, end, d + b] = -packing.radius_n[end] * share * np.cross(spin, n)
+                one[3:, end, d + b] = spin * (1.0 if end == j else -1.0)
+        rows.append(one.reshape(6, -1))
+    whole = np.concatenate(rows).reshape(-1, len(kept), d + k)[:, kept].reshape(6 * len(rows), -1)
+    return whole, len(rows)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_counts_and_ranks_with_rolling_and_twisting_springs_agree_on_ten_packings(dimension):
+    """Zero modes less states of self stress are motions less numbers that contacts bear (Maxwell and Calladine)."""
+    turning = (pm.RollingResistance(0.2, 0.4), pm.TwistingResistance(0.1, 0.6))[: dimension - 1]
+    for seed in range(10):
+        start = pm.random_packing(
+            12, dimension=dimension, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.5, seed=seed
+        )
+        jammed = pm.jam(pm.Scene(start, (HARD,)), pressure=1e-3)
+        scene = pm.Scene(jammed.packing, (HARD, pm.Friction(0.5, 0.7), *turning))
+        found = pm.contact_forces(scene)
+        kept = ~found.rattlers_n
+        rows, contacts = rows_of_contacts(scene, kept)
+        rank = np.linalg.matrix_rank(rows, tol=1e-9)
+        modes = pm.frictional_modes(scene, kind="unstressed", method="dense")
+        # translations are none of them
+        assert np.count_nonzero(modes.zero_m) == rows.shape[1] - rank - dimension
+        numbers = {2: 3, 3: 6}[dimension]
+        excess = 0.5 * numbers * kept.sum() * (found.coordination_number - found.isostatic_coordination)
+        assert excess == pytest.approx(numbers * contacts - rows.shape[1], abs=1e-9)
+        assert rank <= numbers * contacts
+
+
 def test_packings_that_resist_rolling_jam_with_fewer_contacts_and_room_between():
     start = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.7, seed=1)
     effects = (HARD, pm.ContactDamping(0.3), pm.Friction(0.5, damping=0.1), pm.RollingResistance(0.5, 1.0, 0.1))
