@@ -100,6 +100,7 @@ from packmech.scene import CementDrive as CementDrive
 from packmech.scene import SimulateDrive as SimulateDrive
 from packmech.scene import OscillatoryShearDrive as OscillatoryShearDrive
 from packmech.scene import SteadyShearDrive as SteadyShearDrive
+from packmech.scene import DeformDrive as DeformDrive
 from packmech.scene import ShearAtPressureDrive as ShearAtPressureDrive
 from packmech.scene import RampStrainDrive as RampStrainDrive
 from packmech.scene import CreepDrive as CreepDrive

@@ -224,6 +224,10 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "viscosity": _not_negative,
     "JamDrive.method": _protocol,
     "QuenchDrive.method": _minimizer,
+    "DeformDrive.rate": positive,
+    "DeformDrive.strain": partial(instance, kind=Mapping),
+    "DeformDrive.stress": partial(instance, kind=Mapping),
+    "stress_tolerance": positive,
 }
 
 
@@ -506,6 +510,40 @@ class ShearAtPressureDrive:
         _check_fields(self)
         positive("drive.rate", self.rate)
         real("drive.skip_strain", self.skip_strain, at_least=0.0, below=self.applied_strain)
+
+
+@_built_in("packmech.protocols.drives:DEFORM")
+@dataclass(frozen=True)
+class DeformDrive:
+    """Deform the box component by component, some strains given and some stresses held: triaxial tests, direct shear.
+
+    Parameters
+    ----------
+    strain, stress
+        What pm.deform and pm.deform_at_rate take, such as {"yy": -0.1} and {"xx": -1e-3}: in scene files
+        ``strain = { yy = -0.1 }``; None: none.
+    rate
+        As of pm.deform_at_rate; None: at rest, by pm.deform.
+    pressure
+        Jam the packing at this pressure first, as by pm.jam [energy_scale / diameter^d]; None: it is jammed already.
+    steps
+        As of pm.deform.
+    answer, stress_tolerance, dt
+        As of pm.deform_at_rate.
+
+    """
+
+    strain: Mapping[str, float] | None = None
+    stress: Mapping[str, float] | None = None
+    rate: float | None = None
+    pressure: float | None = None
+    steps: int = 50
+    answer: float = 3.0
+    stress_tolerance: float = 0.02
+    dt: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_fields(self)
 
 
 @_built_in("packmech.rheology.drives:RAMP_STRAIN")

@@ -1,4 +1,4 @@
-"""What the drives that end at rest do: quench, jam, settle, shear-stabilize, cement."""
+"""What the drives that end at rest do: quench, jam, settle, shear-stabilize, cement, deform."""
 
 from __future__ import annotations
 
@@ -11,12 +11,22 @@ from packmech.calls.status import Progress
 from packmech.minimize.minimizers import registered_minimizers
 from packmech.minimize.quench import quench
 from packmech.protocols.cement import AVERAGES, MODULI, cement
+from packmech.protocols.deform import deform, deform_at_rate
 from packmech.protocols.jam import jam
 from packmech.protocols.method import registered_methods
 from packmech.protocols.settle import settle
 from packmech.protocols.shearing.shear_stabilize import shear_stabilize
 from packmech.result import Run
-from packmech.scene import CementDrive, DriveCode, JamDrive, QuenchDrive, Scene, SettleDrive, ShearStabilizeDrive
+from packmech.scene import (
+    CementDrive,
+    DeformDrive,
+    DriveCode,
+    JamDrive,
+    QuenchDrive,
+    Scene,
+    SettleDrive,
+    ShearStabilizeDrive,
+)
 
 
 def _quench(drive: QuenchDrive, scene: Scene, *, frames: int, progress: Progress) -> Run:
@@ -84,8 +94,29 @@ def _cement(drive: CementDrive, scene: Scene, *, progress: Progress) -> Run:
     return replace(run, report={**run.report, "cementing": means})
 
 
+def _deform(drive: DeformDrive, scene: Scene, *, progress: Progress) -> Run:
+    """Jam the packing where a pressure is named, then deform it; the run holds the stages of both."""
+    before = None
+    if drive.pressure is not None:
+        before = jam(scene, pressure=drive.pressure, progress=progress, check=False)
+        if not before.ok:
+            return before
+        scene = scene.replace(packing=before.packing)
+    given = {"strain": drive.strain or {}, "stress": drive.stress or {}}
+    asked: dict[str, Any] = {**given, "progress": progress, "check": False}
+    if drive.rate is None:
+        run = deform(scene, **asked, steps=drive.steps)
+    else:
+        named = {name: getattr(drive, name) for name in ("rate", "answer", "stress_tolerance", "dt")}
+        run = deform_at_rate(scene, **asked, **named)
+    if before is None:
+        return run
+    return replace(run, stages=(*before.stages, *run.stages), seconds=before.seconds + run.seconds)
+
+
 QUENCH = DriveCode(_quench, {"method": registered_minimizers})
 JAM = DriveCode(_jam, {"method": registered_methods, "minimizer": registered_minimizers})
 SETTLE = DriveCode(_settle)
 SHEAR_STABILIZE = DriveCode(_shear_stabilize)
 CEMENT = DriveCode(_cement)
+DEFORM = DriveCode(_deform)

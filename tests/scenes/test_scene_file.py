@@ -57,6 +57,7 @@ def test_shipped_scenes_cover_every_law_drive_and_dimension_that_the_first_steps
     assert {type(scene.effects[0].law) for scene in scenes} >= {pm.Harmonic, pm.Hertz, pm.RepulsiveLennardJones}
     assert {type(scene.drive) for scene in scenes} == {
         pm.CementDrive,
+        pm.DeformDrive,
         pm.JamDrive,
         pm.OscillatoryShearDrive,
         pm.QuenchDrive,
