@@ -138,7 +138,7 @@ from packmech.protocols.deform import deform_at_rate as deform_at_rate
 from packmech.protocols.deform import Deformation as Deformation
 from packmech.protocols.shearing.quasistatic import quasistatic_shear as quasistatic_shear
 from packmech.protocols.shearing.quasistatic import QuasistaticShear as QuasistaticShear
-from packmech.protocols.shearing.quasistatic import Avalanche as Avalanche
+from packmech.protocols.shearing.avalanche import Avalanche as Avalanche
 from packmech.protocols.shearing.quasistatic import ContactChange as ContactChange
 from packmech.protocols.shearing.families import shear_families as shear_families
 from packmech.protocols.shearing.families import ShearFamilies as ShearFamilies

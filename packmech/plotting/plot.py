@@ -31,6 +31,7 @@ from packmech.mechanics.modes import Modes, StateDensity
 from packmech.packing import Packing
 from packmech.protocols.cement import Cementing
 from packmech.protocols.deform import Deformation
+from packmech.protocols.shearing.avalanche import Avalanche
 from packmech.protocols.shearing.families import ShearFamilies
 from packmech.protocols.shearing.quasistatic import QuasistaticShear
 from packmech.result import Run, Trace
@@ -63,10 +64,10 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     thing
         What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its
         contact forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does. A
-        motion, modes: arrows on `packing=`; modes without it: their spectrum. Displacements and local strains:
-        arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane (`of=`). Moduli: the matrix.
-        Else a curve: a density of states, pair distribution, shell average, correlation, stress-strain curve or
-        loop, flow curve, moduli against amplitude or frequency, creep, mean square displacement,
+        motion, modes: arrows on `packing=`; modes without it: their spectrum. An avalanche: what it moved.
+        Displacements and local strains: arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane
+        (`of=`). Moduli: the matrix. Else a curve: a density of states, pair distribution, shell average, correlation,
+        stress-strain curve or loop, flow curve, moduli against amplitude or frequency, creep, mean square displacement,
         self-intermediate scattering, cementing, shear families, distribution of forces, numbers of contacts,
         statistics of an ensemble (`fit=True` draws a power law, or one that was fitted), work and precision, or a trace
         (`of=` names what).
@@ -519,6 +520,15 @@ def _draw_displacements(found: Displacements, ax: Any, *, packing: Any = None, s
     _draw_packed(shown, ax, forces=False, bar=False)
     _arrows(ax, shown, found.nonaffine_nd - found.drift_d, scale)
     ax.set_title(f"nonaffine displacements, root mean square {math.sqrt(found.mean_square):.3g}")
+
+
+@_draws(Avalanche, size=SQUARE)
+def _draw_avalanche(event: Avalanche, ax: Any, *, scale: float | None = None) -> None:
+    """Draw what an avalanche moved, on the packing before it, with a ring around its place."""
+    _draw_displacements(event.displacements, ax, packing=event.before, scale=scale)
+    place = drawing.projected(event.before.wrapped().position_nd)[event.particle, :2]
+    ax.plot(*place, "o", markersize=16.0, markerfacecolor="none", markeredgecolor="black", zorder=8.0)
+    ax.set_title(f"avalanche at a strain of {event.strain:.5g}: {event.participation_number:.3g} particles")
 
 
 @_draws(LocalStrain, size=SQUARE)

@@ -195,6 +195,17 @@ def test_modes_and_motions_are_arrows_on_their_packing():
         assert ax.get_title() and rendered(ax)
 
 
+def test_an_avalanche_is_drawn_around_its_place():
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=1)
+    scene = pm.Scene(start, (pm.Repulsion(),))
+    scene = scene.replace(packing=pm.jam(scene, pressure=1e-3).packing)
+    event = pm.quasistatic_shear(scene, 0.04, step=2e-3, locate="none").avalanches[0]
+    ax = pm.plot(event)
+    ring = ax.lines[-1].get_xydata()
+    assert np.allclose(ring, event.before.wrapped().position_nd[event.particle])
+    assert f"{event.strain:.5g}" in ax.get_title()
+
+
 def test_displacements_local_strains_and_fields_are_drawn_on_their_packing():
     before, after = path(2)
     moved, local = pm.displacements(before, after), pm.local_strain(before, after)

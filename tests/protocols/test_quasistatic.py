@@ -171,6 +171,58 @@ def test_an_avalanche_frees_energy_at_its_strain():
     assert balance[-1] == pytest.approx(-lost, abs=0.3 * lost)
 
 
+def falling():
+    start = pm.random_packing(128, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.9, seed=1)
+    whole = pm.Scene(start, (pm.Repulsion(),))
+    return whole.replace(packing=pm.jam(whole, pressure=1e-2).packing)
+
+
+def test_an_avalanche_holds_both_packings_and_what_moved_between_them():
+    whole = falling()
+    run = pm.quasistatic_shear(whole, 4e-3, step=1e-3, locate="none")
+    (event,) = run.avalanches
+    assert event.plastic and event.after.box.volume == pytest.approx(event.before.box.volume, rel=1e-13)
+    energies, stresses = [], []
+    for one in (event.before, event.after):
+        found = pm.contact_forces(whole.replace(packing=one))
+        assert found.residual < 1e-8
+        energies.append(found.energy)
+        stresses.append(found.stress_dd[0, 1])
+    # both at the strain after the fall: what the stress does over the width is taken off, to second order of it
+    work = stresses[0] * event.width * event.before.box.volume
+    assert energies[0] + work - energies[1] == pytest.approx(event.energy_drop, rel=1e-4)
+    assert stresses[0] - stresses[1] == pytest.approx(event.stress_drop * whole.pressure_unit, rel=1e-9)
+    # the strain of its place is none of the box, whose strain is the width
+    assert event.local_strain.d2min_n[event.particle] == event.local_strain.d2min_n[~event.rattler_n].max()
+    assert 1.0 <= event.participation_number < 64.0
+    # sheared back from behind it the packing does not return, from before it it does
+    after = whole.replace(packing=event.after)
+    back = pm.quasistatic_shear(after, -event.width, step=event.width, locate="none").packing
+    assert pm.displacements(event.before, back).mean_square > 0.5 * event.displacements.mean_square
+
+
+def test_a_fall_that_comes_back_is_not_plastic():
+    # contacts of a particle change here by 1e-11 of the energy, where Newton's method does not go on
+    whole = falling()
+    run = pm.quasistatic_shear(whole, 0.0345, step=1e-3, locate="none")
+    small = [one for one in run.avalanches if one.energy_drop < 1e-9]
+    assert small and not any(one.plastic for one in small)
+    assert all(one.plastic for one in run.avalanches if one.energy_drop > 1e-8)
+
+
+def test_avalanches_of_the_mirror_image_are_mirrored():
+    whole, mirror, found = falling(), np.diag([-1.0, 1.0]), []
+    packing = whole.packing
+    box = pm.Box(mirror @ packing.box.lattice_dd @ mirror)
+    image = packing.replace(position_nd=packing.position_nd @ mirror, box=box)
+    for one, way in ((packing, 1.0), (image, -1.0)):
+        run = pm.quasistatic_shear(whole.replace(packing=one), way * 4e-3, step=1e-3, locate="none")
+        found.append(run.avalanches[0])
+    event, other = found
+    assert other.strain == pytest.approx(-event.strain, rel=1e-9) and other.particle == event.particle
+    assert other.participation_number == pytest.approx(event.participation_number, rel=1e-5)
+
+
 def test_the_way_back_is_the_way_where_nothing_changed():
     start = scene()
     there = pm.quasistatic_shear(start, 2e-3, step=1e-3)

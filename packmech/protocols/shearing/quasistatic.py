@@ -25,6 +25,7 @@ from packmech.observables import Table, make_table
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, check_jammed, finish
+from packmech.protocols.shearing.avalanche import Avalanche
 from packmech.protocols.shearing.sheared_lattice import ShearedLattice
 from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
@@ -80,32 +81,6 @@ class ContactChange:
     work: float
     tangents: tuple[tuple[float, float], ...] = dataclasses.field(repr=False)
     falls: bool = False
-
-
-@shown()
-@dataclass(frozen=True)
-class Avalanche:
-    """A fall to another equilibrium at a strain where the packing becomes unstable.
-
-    Attributes
-    ----------
-    strain, width
-        The strain of the equilibrium after the fall, and how far before it the last one before is [1].
-    energy_drop
-        Energy (with a pressure held, energy + pressure * volume) that is freed [energy_scale].
-    stress_drop
-        Shear stress before less that after it [energy_scale / diameter^d].
-    contacts_opened, contacts_closed
-        How many contacts are lost and won.
-
-    """
-
-    strain: float
-    width: float
-    energy_drop: float
-    stress_drop: float
-    contacts_opened: int
-    contacts_closed: int
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -264,7 +239,7 @@ def quasistatic_shear(
     Athermal quasistatic shear: particles are taken along, x + step * y, with what linear response adds, then Newton's
     method finds the equilibrium, at constant volume or at constant pressure in a box of the shape that the strain gives
     it. Where the packing does not go on smoothly the step is halved, at most ten times; what is left is a
-    rearrangement: the packing falls downhill, and the report counts it (`Avalanche`). Shapes keep their directors while
+    rearrangement: the packing falls downhill, which is kept as an `Avalanche`. Shapes keep their directors while
     they are taken along; links keep their length.
 
     Parameters
@@ -588,7 +563,7 @@ class _Shear:
             return Outcome.UNJAMMED
         if not path.sound:
             return Outcome.STALLED
-        self._fall(reached, fallen)
+        self._fall(path, reached, fallen)
         return None
 
     def _note(self, found: Located, start: Sheared, goal: float) -> None:
@@ -615,7 +590,7 @@ class _Shear:
             self.growth += there.network.growth_to(found.after.packing)
             self._keep(found.after, work_between(there, found.after), goal)
 
-    def _fall(self, before: Sheared, after: Sheared) -> None:
+    def _fall(self, path: StrainPath, before: Sheared, after: Sheared) -> None:
         """Keep a fall to another equilibrium, and a row after it."""
         scene, step = self.protocol.scene, after.strain - before.strain
         ahead = before.enthalpy + step * before.slope + 0.5 * step**2 * before.curvature
@@ -631,6 +606,9 @@ class _Shear:
                     (before.stress - after.stress) / scene.pressure_unit,
                     len(before.pairs - after.pairs),
                     len(after.pairs - before.pairs),
+                    not path.comes_back(before, after),
+                    self.protocol.restored(before.packing),
+                    self.protocol.restored(after.packing),
                 )
             )
 

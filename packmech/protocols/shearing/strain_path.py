@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
 from packmech.measure.contact_forces import resting_forces
+from packmech.measure.displacements import displacements
 from packmech.minimize.second_order.soft_network import Load, Response, SoftNetwork, scaled_load
 from packmech.minimize.second_order.soft_newton import SoftState, descend, newton
 from packmech.packing import Packing
@@ -41,6 +42,8 @@ _BALANCED = 1e-10
 _ELSEWHERE = 1e-2
 # how often half as far behind a change an equilibrium is looked for
 _ENDS = 6
+# a packing that is back is as near as this to where it fell from, over how far it fell
+_BACK = 1e-2
 # relaxation by FIRE where Newton's method finds no equilibrium after an instability
 _TOLERANCE, _STEPS, _ROUNDS = 1e-3, 200_000, 3
 
@@ -277,6 +280,20 @@ class StrainPath:
         assert state is not None
         return state
 
+    def comes_back(self, before: Sheared, after: Sheared) -> bool:
+        """Return whether a packing that fell returns to where it fell from when it is sheared back by as much.
+
+        Particles that are no rattlers then end within a hundredth of what the fall moved them by, at the root mean
+        square.
+        """
+        kept, sound = self.now, self.sound
+        self.now = after
+        reached, fallen = self.step(before.strain)
+        self.now, self.sound = kept, sound
+        held = before.held_n & after.held_n
+        there = fallen or reached
+        return there.strain == before.strain and _apart(before, there, held) <= _BACK * _apart(before, after, held)
+
     # changes of contacts
 
     def predicted(self, one: Sheared, direction: float, known: Pairs) -> tuple[float, tuple[int, ...] | None]:
@@ -408,6 +425,12 @@ class StrainPath:
                 break
             one = nearer
         return (last, one) if abs(one.strain - last) <= _TRUSTED else None
+
+
+def _apart(one: Sheared, other: Sheared, held_n: NDArray[np.bool_]) -> float:
+    """Return how far particles are apart in two packings, at the root mean square about the mean."""
+    moved_nd = displacements(one.packing, other.packing).nonaffine_nd[held_n]
+    return float(np.sqrt(((moved_nd - moved_nd.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(moved_nd) else math.inf
 
 
 def work_between(one: Sheared, other: Sheared) -> float:
