@@ -196,6 +196,8 @@ from packmech.mechanics.modes import normal_modes as normal_modes
 from packmech.mechanics.modes import Modes as Modes
 from packmech.mechanics.modes import density_of_states as density_of_states
 from packmech.mechanics.modes import StateDensity as StateDensity
+from packmech.mechanics.soft_spots import soft_spots as soft_spots
+from packmech.mechanics.soft_spots import SoftSpots as SoftSpots
 from packmech.mechanics.hessian import dynamical_matrix as dynamical_matrix
 from packmech.mechanics.frictional import frictional_modes as frictional_modes
 from packmech.mechanics.frictional import FrictionalModes as FrictionalModes
@@ -366,6 +368,7 @@ from packmech.jit.compiled import kernel as kernel
 #: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
 #: hessian_matrix -> hessian
 #: dos, vdos, vibrational_density, phonons, spectrum -> density_of_states
+#: vibrality, plastic_spots -> soft_spots
 #: eigenmodes, vibrations, normal_mode, frequencies -> normal_modes
 #: onset, onset_between, bracket, jamming_point, phi_j -> jam, compress
 #: z, coordination, contact_number -> coordination_number

@@ -31,8 +31,16 @@ SHORT = {
 ON_RESULTS = {
     *("bootstrap", "demodulate", "fit_power_law", "group_statistics", "histogram", "mean_with_error", "read_ensemble"),
     *("to_ase", "from_ase", "to_freud", "from_freud", "to_hoomd", "from_hoomd", "to_networkx", "from_networkx"),
-    *("softening_strain", "yield_strain", "small_value_exponent", "mandel_tensor", "mandel_vector", "read_law"),
-    *("read_table", "list_scenes", "drive", "effect", "law", "minimizer", "packing_kind", "kernel"),
+    *(
+        "soft_spots",
+        "softening_strain",
+        "yield_strain",
+        "small_value_exponent",
+        "mandel_tensor",
+        "mandel_vector",
+        "read_law",
+    ),
+    *("read_table", "list_scenes", "drive", "effect", "law", "minimizer", "packing_kind", "kernel", "soft_spots"),
 }
 
 

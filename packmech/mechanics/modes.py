@@ -82,6 +82,8 @@ class Modes:
     participation_m
         (M,) participation ratio of each mode among the N' particles that took part, between 1 / N' and 1: (sum of w)^2
         over N' sum of w^2, w the part of the mode on one particle, mass * (u.u + t.t). 0 where no particle moves.
+    mass_n
+        (N,) masses of the particles [mass].
     at_rest
         Whether `force_residual` is at most a hundredth, or no more than rounding of the coordinates makes of it.
 
@@ -103,6 +105,7 @@ class Modes:
     turn_mnk: NDArray[np.float64]
     rotation_m: NDArray[np.float64]
     participation_m: NDArray[np.float64]
+    mass_n: NDArray[np.float64]
     at_rest: bool = True
 
     def __len__(self) -> int:
@@ -112,6 +115,12 @@ class Modes:
     def frequency_m(self) -> NDArray[np.float64]:
         """The (M,) angular frequencies [1/time]; unstable modes have minus the growth rate, -sqrt(-eigenvalue)."""
         return np.copysign(np.sqrt(np.abs(self.eigenvalue_m)), self.eigenvalue_m)
+
+    @property
+    def part_mn(self) -> NDArray[np.float64]:
+        """The (M, N) parts of the modes on each particle, mass * (u.u + t.t) [1]."""
+        square_mn = (self.displacement_mnd**2).sum(axis=2) + (self.turn_mnk**2).sum(axis=2)
+        return np.asarray(self.mass_n * square_mn)
 
     @property
     def complete(self) -> bool:
@@ -264,6 +273,7 @@ def normal_modes(
         turn_mnk=np.ascontiguousarray(moved[..., dimension:]),
         rotation_m=(vector[: len(root)][axis >= dimension] ** 2).sum(axis=0),
         participation_m=participation,
+        mass_n=mass,
     )
 
 
