@@ -72,6 +72,7 @@ from packmech.effects import Restitution as Restitution
 from packmech.effects import ViscoelasticDamping as ViscoelasticDamping
 from packmech.effects import TouchingPair as TouchingPair
 from packmech.effects import BackgroundDamping as BackgroundDamping
+from packmech.effects import Langevin as Langevin
 from packmech.effects import Gravity as Gravity
 from packmech.effects import Walls as Walls
 from packmech.effects import FixedParticles as FixedParticles

@@ -241,6 +241,8 @@ BAD = {
     "tangential_damping": NOT_NEGATIVE,
     "rest": CHOICE,
     **{name: [NAN, INF, "1", None, True] for name in ("x", "y", "z", "low", "high")},
+    **{f"Langevin.{name}": [NAN, INF, -1.0, "1", None, True] for name in ("temperature", "rate")},
+    "Langevin.seed": [NAN, INF, -1, 0.5, 1 << 53, "1", None, True],
     "BackgroundDamping.rate": [NAN, INF, -1.0, "1", None, True],
     "Walls.axis": [NAN, -1.0, 0.5, 3.0, "1", None],
     "Walls.high": [NAN, 0.0, -1.0, "1", None],

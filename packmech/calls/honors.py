@@ -35,12 +35,13 @@ COLUMNS = {
     "gravity": "potentials of single particles, such as Gravity",
     "walls": "Walls",
     "drag": "drag on single particles, such as BackgroundDamping",
+    "noise": "thermal noise: Langevin",
     "held": "particles that are held: FixedParticles",
     "links": "rigid links of the packing",
     "shapes": "shapes other than discs and spheres",
     "breaking": "bonds that break: Bonds with breaks_at",
 }
-EFFECTS = tuple(COLUMNS)[:10]
+EFFECTS = tuple(COLUMNS)[:11]
 # columns of what a scene adds to its packing
 _OF_SCENES = (*EFFECTS, "breaking")
 # places at which a drag is asked whether it pushes what does not move
@@ -57,6 +58,7 @@ INSTEAD = {
     "gravity": "pm.simulate or pm.quench or pm.settle",
     "walls": "pm.simulate or pm.quench",
     "drag": "pm.simulate",
+    "noise": "pm.simulate",
     "held": "pm.simulate or pm.quench or pm.settle",
     "links": "pm.simulate or pm.jam",
     "shapes": "pm.jam or pm.quench",
@@ -92,6 +94,8 @@ def columns_of(effect: Any) -> tuple[str, ...]:
         found.append("damping")
     if hasattr(effect, "interaction_energy"):
         found.append("interactions")
+    if hasattr(effect, "bath_rate"):
+        found.append("noise")
     if hasattr(effect, "body_energy") or _pushes_at_rest(effect):
         found.append("gravity")
     elif hasattr(effect, "body_force") or hasattr(effect, "spin_drag"):

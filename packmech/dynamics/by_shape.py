@@ -280,5 +280,7 @@ push_on_row = by_shape(_push_on_disc, of_spheroids.push_on_spheroid, of_bodies.p
 energy_of_row = by_shape(_energy_of_disc, of_spheroids.energy_of_spheroid, of_bodies.energy_of_body)
 # what a row holds where it turns with a flow
 dragged_to = by_shape(_same, of_spheroids.dragged_to, of_bodies.dragged_to)
+# what a row holds of an isotropic random vector, so that its square is as the inertia along each axis
+spread_of_kicks = by_shape(_same, of_spheroids.spread_of_kicks, of_bodies.spread_of_kicks)
 # puts into observables what rotation stretches shapes by, and adds what their energy of rotation is more than a row's
 measure_spinning = by_shape(_as_sums, _spinning_spheroids, _spinning_bodies)

@@ -395,6 +395,38 @@ def relative(rates, axes, body, i, j, dx, dy, dz):
 
 
 @device
+def rates_at(flow, time):
+    """Return L at a time as `rates` does."""
+    gamma, rate = gamma_at(flow.profile, time)
+    a = flow.step_dd
+    _bend(flow, gamma, a)
+    return (
+        rate * a[0, 0], rate * a[0, 1], rate * a[0, 2], rate * a[1, 0], rate * a[1, 1], rate * a[1, 2],
+        rate * a[2, 0], rate * a[2, 1], rate * a[2, 2],
+    )  # fmt: skip
+
+
+@device
+def maps_of_step(flow, time, dt):
+    """Return what a step of the box does: to places, to peculiar velocities, and to displacements at half time."""
+    start = gamma_at(flow.profile, time)[0]
+    middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
+    end = gamma_at(flow.profile, time + dt)[0]
+    # all of these commute
+    map_between(flow, start, end, flow.step_dd)
+    places = entries(flow.step_dd)
+    map_between(flow, end, start, flow.step_dd)
+    speeds = entries(flow.step_dd)
+    map_between(flow, middle, start, flow.step_dd)
+    map_between(flow, middle, end, flow.back_dd)
+    for i in range(3):
+        x, y, z = flow.back_dd[i, 0], flow.back_dd[i, 1], flow.back_dd[i, 2]
+        for j in range(3):
+            flow.back_dd[i, j] = x * flow.step_dd[0, j] + y * flow.step_dd[1, j] + z * flow.step_dd[2, j]
+    return places, speeds, entries(flow.back_dd)
+
+
+@device
 def turning(rates):
     """Return the spin of the flow: half its vorticity."""
     if rates is None:

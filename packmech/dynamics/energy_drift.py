@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics import observables as columns
 from packmech.dynamics.deformation import Strain
-from packmech.effects import BackgroundDamping, held_velocity, law_scale, resistances, roughness_of
+from packmech.effects import BackgroundDamping, held_velocity, langevin_of, law_scale, resistances, roughness_of
 from packmech.scene import Scene
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
@@ -60,12 +60,14 @@ def energy_unit(scene: Scene) -> float:
 
 
 def knows_its_energy(scene: Scene, *, strained: bool = False) -> bool:
-    """Whether every force on single particles of the scene has an energy or only takes some.
+    """Whether every force on single particles of the scene has an energy or only takes some; a heat bath gives some.
 
     In a box that deforms what carries them against such a force is not in the stress: there all may only take.
     """
     bodies = [type(one) for one in scene.effects if hasattr(type(one), "body_force")]
-    return all(one is BackgroundDamping or (hasattr(one, "body_energy") and not strained) for one in bodies)
+    return langevin_of(scene.effects) is None and all(
+        one is BackgroundDamping or (hasattr(one, "body_energy") and not strained) for one in bodies
+    )
 
 
 def largest_held(scene: Scene) -> float:

@@ -15,6 +15,7 @@ from packmech.constraints.compiled_links import compile_links, linked_pairs
 from packmech.constraints.rattle import Rattle, along_rattle, make_rattle, project_rattle, refill_rattle
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import frame_of, size_levels
+from packmech.dynamics.bath import make_bath
 from packmech.dynamics.bonds import bond_stretches, bond_table
 from packmech.dynamics.breaking import Breaks, broken_by, measure_loads
 from packmech.dynamics.by_shape import (
@@ -66,12 +67,14 @@ from packmech.dynamics.time_step import (
 )
 from packmech.effects import (
     Bonds,
+    Langevin,
     Walls,
     bonds_of,
     damps,
     held_particles,
     held_velocity,
     is_interaction,
+    langevin_of,
     reach_beyond_contact,
     refuse_tangential_bonds,
     resistances,
@@ -798,6 +801,7 @@ def build_engine(
     )
     bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
     friction, bonds = roughness_of(scene.effects), bonds_of(scene.effects)
+    langevin = _bath_of(scene, second_order)
     shapes = packing.shapes
     turns = friction is not None or bonds is not None or shapes.has_orientations
     spins = 0 if not turns else 1 if d == 2 else 3
@@ -854,6 +858,7 @@ def build_engine(
             mass,
             np.zeros((n, d + spins)) if lead else None,
             lead,
+            make_bath(langevin, dt, order),
         ),
         space=Space(
             size_levels(body[:, 3].copy()),
@@ -879,6 +884,19 @@ def build_engine(
     built._link_rows()
     project_rattle(built.rattle, body, built.space.frame.lattice_dd)
     return built
+
+
+def _bath_of(scene: Scene, second_order: bool) -> Langevin | None:
+    """Return the bath of a scene, refused where steps do not sample it."""
+    found = langevin_of(scene.effects)
+    if found is not None and scene.packing.links:
+        raise ValueError(
+            "scene.packing must have no rigid links beside Langevin, whose kicks would stretch them, got "
+            f"{len(scene.packing.links)}: use stiff pm.Bonds, or leave it out with scene.without(pm.Langevin)"
+        )
+    if found is not None and not second_order:
+        raise ValueError("method must be VelocityVerlet() with Langevin, got SemiImplicitEuler()")
+    return found
 
 
 def _in_order(value: NDArray[np.float64], order_n: NDArray[np.int64]) -> NDArray[np.float64]:

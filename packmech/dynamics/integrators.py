@@ -13,6 +13,7 @@ from packmech.dynamics.friction import stiffening
 from packmech.effects import (
     Bonds,
     Friction,
+    Langevin,
     RollingResistance,
     TwistingResistance,
     Walls,
@@ -163,6 +164,8 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
         elif isinstance(one, Walls):
             stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma) for sigma in sizes]
             damped += [steep * one.body_damping(0.5 * sigma, smallest) for sigma in sizes]
+        elif isinstance(one, Langevin):
+            drag += one.rate
         elif hasattr(type(one), "body_force"):
             center = np.zeros(3)
             center[: packing.dimension] = packing.box.lattice_dd.sum(axis=1) / 2.0

@@ -224,6 +224,15 @@ def dragged_to(bodies, axes, i, wx, wy, wz):
 
 
 @inlined
+def spread_of_kicks(bodies, axes, i, x, y, z):
+    """Return an isotropic random vector in space, times the root of the inertia over the mean one."""
+    share = bodies.share_nk
+    u, v, w = _seen(bodies.beads.frame_ndd, i, x, y, z)
+    u, v, w = u / math.sqrt(share[i, 0]), v / math.sqrt(share[i, 1]), w / math.sqrt(share[i, 2])
+    return _unseen(bodies.beads.frame_ndd, i, u, v, w)
+
+
+@inlined
 def motion_of_row(axes, body, i, spin):
     """Return how a row moves that turns with a spin."""
     w = body[i, 6] if len(axes) == 3 else 0.0

@@ -119,6 +119,15 @@ def dragged_to(shapes, axes, i, wx, wy, wz):
 
 
 @inlined
+def spread_of_kicks(shapes, axes, i, x, y, z):
+    """Return an isotropic random vector in space, times the root of the inertia over that across the director."""
+    ux, uy, uz = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
+    excess = excess_of_spin(shapes.along_n[i], shapes.across_n[i])
+    about = (1.0 / math.sqrt(1.0 + excess) - 1.0) * (x * ux + y * uy + z * uz)
+    return x + about * ux, y + about * uy, z + about * uz
+
+
+@inlined
 def push_on_spheroid(shapes, one, axes, body, i, mass):
     """Return the force and the torque of one effect on a row."""
     # the angular momentum over the moment across the director, which differs from the spin along the director alone

@@ -10,11 +10,12 @@ import numpy as np
 from numba import literal_unroll
 
 from packmech.constraints.rattle import rattle_positions, rattle_velocities
+from packmech.dynamics.bath import bathe_rows, leave_bath
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
 from packmech.dynamics.breaking import limits_of, some_bond_breaks
 from packmech.dynamics.by_shape import dragged_to, push_on_row, turn_shapes
 from packmech.dynamics.contact_forces import contacts_of_block, laws_of
-from packmech.dynamics.deformation import ALONG_X, entries, flow_to, gamma_at, map_between, turning, with_scratch
+from packmech.dynamics.deformation import ALONG_X, flow_to, gamma_at, maps_of_step, turning, with_scratch
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
@@ -50,7 +51,8 @@ class EngineArrays(NamedTuple):
     """The arrays of the engine. weight_nk holds 1/m and, where particles turn, 1/I; both are 0 for what is held.
 
     `spins` is a tuple as long as a spin: none where nothing turns, 1 in a plane, 3 in space. `lead` is the share of the
-    last change of the forces, from `last` to `push`, in extrapolated velocities; `last` is None where it is zero.
+    last change of the forces, from `last` to `push`, in extrapolated velocities; `last` is None where it is zero, and
+    `bath` without thermal noise.
     """
 
     spins: Any
@@ -61,6 +63,7 @@ class EngineArrays(NamedTuple):
     mass_n: Any
     last: Any
     lead: Any
+    bath: Any = None
 
 
 class EngineSystem(NamedTuple):
@@ -185,31 +188,11 @@ def _drift_along_x(axes, state, rows, shear_step, split):
     return largest
 
 
-@device
-def _maps(flow, time, dt):
-    """Return what a step of the box does: to places, to peculiar velocities, and to displacements at half time."""
-    start = gamma_at(flow.profile, time)[0]
-    middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
-    end = gamma_at(flow.profile, time + dt)[0]
-    # all of these commute
-    map_between(flow, start, end, flow.step_dd)
-    places = entries(flow.step_dd)
-    map_between(flow, end, start, flow.step_dd)
-    speeds = entries(flow.step_dd)
-    map_between(flow, middle, start, flow.step_dd)
-    map_between(flow, middle, end, flow.back_dd)
-    for i in range(3):
-        x, y, z = flow.back_dd[i, 0], flow.back_dd[i, 1], flow.back_dd[i, 2]
-        for j in range(3):
-            flow.back_dd[i, j] = x * flow.step_dd[0, j] + y * flow.step_dd[1, j] + z * flow.step_dd[2, j]
-    return places, speeds, entries(flow.back_dd)
-
-
 @inlined
 def _drift_in_any_flow(flow, axes, state, rows, time, split):
     d, dt = len(axes), split.dt
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
-    g, b, h = _maps(flow, time, dt)
+    g, b, h = maps_of_step(flow, time, dt)
     largest = 0.0
     for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
         kick = split.early * weight[i, 0]
@@ -345,7 +328,10 @@ def kick_and_drift(system, thread, rows, time, rule, split):
     axes, state, space, links, pairs = system.axes, system.state, system.space, system.links, system.pairs
     lattice = space.frame.lattice_dd
     square = kick_and_drift_rows(space.flow, axes, state, rows, time, split)
-    turn_shapes(system.acting.shapes, axes, state.half, rows[0], rows[1], rule.dt)
+    shapes = system.acting.shapes
+    square = bathe_rows(state.bath, shapes, space.flow, axes, state, rows, time, rule.dt, square)
+    turn_shapes(shapes, axes, state.half, rows[0], rows[1], rule.dt)
+    leave_bath(state.bath, axes, state, rows)
     moved = math.sqrt(largest(thread, square))
     status = RUNNING
     if is_first(thread):

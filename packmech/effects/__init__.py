@@ -39,6 +39,7 @@ from packmech.effects.interaction import (
     is_interaction,
     reach_beyond_contact,
 )
+from packmech.effects.langevin import Langevin, langevin_of
 from packmech.effects.laws import (
     Harmonic,
     Hertz,
@@ -118,6 +119,8 @@ __all__ = [
     "Gravity",
     "Harmonic",
     "Hertz",
+    "Langevin",
+    "langevin_of",
     "Law",
     "LinearSpring",
     "PlateauRepulsion",

@@ -43,6 +43,7 @@ _HOOKS = {
     "body_energy": 6,
     "body_second": 6,
     "spin_drag": 1,
+    "bath_rate": 1,
 }
 _INTERACTION = tuple(name for name in _HOOKS if name == "reach" or name.startswith("interaction"))
 _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}

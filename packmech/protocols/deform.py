@@ -436,7 +436,7 @@ class _AtRest:
         return _judged(run) if outcome is Outcome.FINISHED else run
 
 
-@honors("repulsion damping friction rolling bonds interactions drag shapes")
+@honors("repulsion damping friction rolling bonds interactions drag noise shapes")
 def deform_at_rate(
     scene: Scene,
     *,

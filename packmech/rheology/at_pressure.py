@@ -160,7 +160,7 @@ class PressureShear(Run):
         ]
 
 
-@honors("repulsion damping friction rolling bonds interactions drag shapes")
+@honors("repulsion damping friction rolling bonds interactions drag noise shapes")
 def shear_at_pressure(
     scene: Scene,
     *,

@@ -257,7 +257,7 @@ def frequency_of(settings: StrainSettings, frequency: float | None, relative_fre
 
 
 @listed(Common)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag shapes breaking")
+@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def oscillatory_shear(
     scene: Scene,
     *,

@@ -55,7 +55,7 @@ _REPORT = 100
 
 
 @listed(Common)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag shapes breaking")
+@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def ramp_strain(
     scene: Scene,
     *,
@@ -262,7 +262,7 @@ class FlowCurve(SeveralRuns):
 
 
 @listed(Several)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag shapes breaking")
+@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def steady_shear(
     scene: Scene,
     *,
@@ -413,7 +413,7 @@ class Creep(StrainRun):
 
 
 @listed(Common)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag shapes breaking")
+@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def creep(
     scene: Scene,
     *,

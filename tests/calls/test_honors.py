@@ -65,6 +65,7 @@ def effects(silent=None):
         "gravity": pm.Gravity(0.0, 0.0) if silent == "gravity" else pm.Gravity(0.01, -0.02),
         "walls": pm.Walls(1.0, -9.0 if silent == "walls" else 0.15, 9.0 if silent == "walls" else 3.2),
         "drag": pm.BackgroundDamping(0.0 if silent == "drag" else 0.1),
+        "noise": pm.Langevin(0.0 if silent == "noise" else 1e-3, 0.0 if silent == "noise" else 0.1),
         "held": pm.FixedParticles(() if silent == "held" else (3,)),
     }
 
@@ -295,7 +296,9 @@ def test_every_effect_changes_a_call_that_honors_it(call):
     honored = [column for column in EFFECTS if CALLS[call].answer(column) == HONORED]
     # a box that deforms says nothing of where particles are held
     sheared = dict.fromkeys(("deform_at_rate", "shear_at_pressure", "shear_jam"), ("gravity", "walls", "held"))
-    left_out = {"simulate": (), **sheared}.get(call, ("held",))
+    # at rest there is no noise
+    sheared["shear_jam"] += ("noise",)
+    left_out = {"simulate": (), "equilibrate": ("noise", "held"), **sheared}.get(call, ("held",))
     assert honored == [column for column in EFFECTS if column not in left_out]
     # walls are smooth: no scene has them and friction; each effect acts in one of these at least
     scenes = [
