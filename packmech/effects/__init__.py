@@ -26,6 +26,7 @@ from packmech.effects.bonds import (
     refuse_tangential_bonds,
     refuse_tangential_springs,
 )
+from packmech.effects.cohesion import DMT, JKR, CapillaryBridge, ShortRangeAttraction
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction, acting_friction, friction_of, friction_or_zero
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
@@ -37,7 +38,10 @@ from packmech.effects.interaction import (
     interaction_law,
     interactions_of,
     is_interaction,
+    memory_columns,
     reach_beyond_contact,
+    refuse_memory_of_shapes,
+    remembers,
 )
 from packmech.effects.laws import (
     Harmonic,
@@ -58,6 +62,7 @@ from packmech.effects.laws import (
 from packmech.effects.pair import (
     ContactTerms,
     TouchingPair,
+    cap_force,
     check_effect,
     contact_terms,
     damps,
@@ -69,6 +74,7 @@ from packmech.effects.pair import (
     pair_first,
     pair_second,
     registered_effects,
+    under_cap,
 )
 from packmech.effects.repulsion import Repulsion
 from packmech.effects.rolling import (
@@ -103,14 +109,19 @@ __all__ = [
     "interaction_law",
     "interactions_of",
     "is_interaction",
+    "refuse_memory_of_shapes",
+    "remembers",
+    "memory_columns",
     "reach_beyond_contact",
     "SIGNED",
     "BackgroundDamping",
     "BREAKING_MODES",
     "BondLimits",
     "Bonds",
+    "CapillaryBridge",
     "ContactDamping",
     "ContactTerms",
+    "DMT",
     "DivergentRepulsion",
     "ExponentialTension",
     "FixedParticles",
@@ -118,6 +129,7 @@ __all__ = [
     "Gravity",
     "Harmonic",
     "Hertz",
+    "JKR",
     "Law",
     "LinearSpring",
     "PlateauRepulsion",
@@ -125,6 +137,7 @@ __all__ = [
     "Repulsion",
     "RollingResistance",
     "RoughContacts",
+    "ShortRangeAttraction",
     "TwistingResistance",
     "refuse_rolling",
     "resistances",
@@ -143,6 +156,8 @@ __all__ = [
     "first_on_wall",
     "bonded_pairs",
     "bonds_of",
+    "under_cap",
+    "cap_force",
     "check_effect",
     "check_law",
     "contact_terms",

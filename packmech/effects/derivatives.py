@@ -161,6 +161,8 @@ def default_record(cls: Any) -> Any | None:
 _NEAR_REACH, _STILL_THERE = 1e-10, 1e-4
 # distances [reach] and alignments at which an interaction is looked at, and half the difference of alignments
 _PARTS_OF_REACH = (0.2371, 0.4819, 0.6713, 0.9137)
+# distance over contact distance at which a pair touched that an interaction remembers
+_TOUCHED = 0.99
 _ALIGNMENTS = (-0.8371, -0.1713, 0.4519, 0.9173)
 
 
@@ -180,19 +182,20 @@ def check_interaction(what: str, effect: Any) -> None:
         Naming the wrong hook, where, what it gives there and what differences of the one before it give.
 
     """
-    places = [
-        (part * float(effect.reach(sigma)), sigma, alignment)
-        for sigma in _CONTACT_DISTANCES
-        for part in _PARTS_OF_REACH
-        for alignment in _ALIGNMENTS
-    ]
+    places = []
+    for sigma in _CONTACT_DISTANCES:
+        reach = float(effect.reach(sigma))
+        beyond = reach - sigma if reach > sigma else 0.0
+        # a short range beyond contact is looked at by itself
+        at = [part * reach for part in _PARTS_OF_REACH] + [sigma + part * beyond for part in _PARTS_OF_REACH if beyond]
+        places += [(distance, sigma, alignment) for distance in at for alignment in _ALIGNMENTS]
     names = ("interaction_energy", "interaction_first", "interaction_second")
     parts = (
         ((0, 0, "distance"), (1, 0, "alignment")),
         ((0, 0, "distance"), (1, 0, "alignment"), (1, 1, "distance"), (2, 1, "alignment")),
     )
     for order in (0, 1):
-        lower, upper = (functools.partial(_components, getattr(effect, name)) for name in names[order : order + 2])
+        lower, upper = (functools.partial(_components, effect, name) for name in names[order : order + 2])
         for entry, source, by in parts[order]:
             found = [(place, _slopes_at(place, entry, source, by, lower, upper)) for place in places]
             scale = max((abs(value) for _, pair in found for value in pair), default=0.0)
@@ -206,7 +209,7 @@ def check_interaction(what: str, effect: Any) -> None:
     if may_jump(effect):
         return
     for name in names[:2]:
-        hook = functools.partial(_components, getattr(effect, name))
+        hook = functools.partial(_components, effect, name)
         largest = max(abs(value) for place in places for value in hook(place))
         for sigma in _CONTACT_DISTANCES:
             far = float(effect.reach(sigma)) * (1.0 - _NEAR_REACH)
@@ -219,8 +222,11 @@ def check_interaction(what: str, effect: Any) -> None:
                 )
 
 
-def _components(hook: Callable[..., Any], place: tuple[float, float, float]) -> tuple[float, ...]:
-    found = hook(*place)
+def _components(effect: Any, name: str, place: tuple[float, float, float]) -> tuple[float, ...]:
+    """Return what a hook gives, of one with a memory for a pair that touched."""
+    memory = int(getattr(type(effect), "memory", 0))
+    numbers = (effect.remember(_TOUCHED * place[1], place[1], (0.0,) * memory),) if memory else ()
+    found = getattr(effect, name)(*place, *numbers)
     return tuple(map(float, found)) if isinstance(found, tuple) else (float(found),)
 
 

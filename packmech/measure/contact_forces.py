@@ -513,7 +513,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking",
+    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory",
     at_rest=True,
     link_tolerance=STRAINED,
 )

@@ -39,6 +39,7 @@ from packmech.mechanics.frictional import (
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
 from packmech.mechanics.relaxation import RelaxedStrains, relax
 from packmech.mechanics.system import System, bordered, system_of
+from packmech.packing import without_springs
 from packmech.scene import Scene
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
@@ -471,7 +472,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
 
 
 @shown_as("elastic moduli")
-@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
+@honors("repulsion friction rolling bonds interactions links shapes memory", at_rest=True)
 def elastic_moduli(
     scene: Scene,
     *,
@@ -559,7 +560,7 @@ def elastic_moduli(
     rough = acting_friction(scene.effects) is not None
     if not rough:
         # a coefficient of zero holds nothing, and springs of such contacts are slack
-        scene = scene.without(Friction).replace(packing=scene.packing.replace(tangential=None))
+        scene = scene.without(Friction).replace(packing=without_springs(scene.packing))
         # tangential springs of bonds turn discs and spheres, as friction does
         rough = bonds is not None and bonds.tangential_stiffness > 0.0
     with single_thread():
@@ -700,7 +701,7 @@ _CARRIES = 1e-6
 
 
 @shown_as("compliance")
-@honors("repulsion bonds interactions links shapes", at_rest=True, rough="pm.elastic_moduli")
+@honors("repulsion bonds interactions links shapes memory", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,
     *,

@@ -30,6 +30,7 @@ from packmech.mechanics.linked_systems import (
     soft_shift,
 )
 from packmech.mechanics.system import System, bordered, system_of
+from packmech.packing import without_springs
 from packmech.scene import Scene
 
 CURVATURES = ("det", "trace")
@@ -58,7 +59,7 @@ def check_strain_of_box(scene: Scene, strain: BoxStrain) -> None:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.stiffness_matrix",
     link_tolerance=STRAINED,
@@ -150,7 +151,7 @@ def _width(scene: Scene) -> int:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )
@@ -233,7 +234,7 @@ def dynamical_matrix(
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )
@@ -323,7 +324,7 @@ def is_stable(scene: Scene, *, strain: BoxStrain, gap_tolerance: float | None = 
     (True, False)
 
     """
-    plain = scene.replace(packing=scene.packing.replace(tangential=None))
+    plain = scene.replace(packing=without_springs(scene.packing))
     system = system_of(plain, "exact", gap_tolerance=gap_tolerance)
     network, links, d = system.network, system.links, system.network.dimension
     if not len(network.index_n) or not (len(network.contacts) or len(network.interactions)):

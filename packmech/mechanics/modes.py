@@ -130,7 +130,7 @@ class Modes:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.frictional_modes",
 )
@@ -513,7 +513,7 @@ class StateDensity:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes",
+    "repulsion bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.frictional_modes",
 )
