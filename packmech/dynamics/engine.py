@@ -66,6 +66,8 @@ from packmech.dynamics.time_step import (
 )
 from packmech.effects import (
     Bonds,
+    Restitution,
+    ViscoelasticDamping,
     Walls,
     bonds_of,
     damps,
@@ -728,6 +730,7 @@ def refuse_misfits(scene: Scene) -> None:
     Bonds without a length have no direction to push in; walls across z mean nothing in a plane.
     """
     _refuse_shapes(scene)
+    _refuse_idle_dashpots(scene)
     position, lattice = scene.packing.position_nd, scene.packing.box.lattice_dd
     n, d = position.shape
     for k, one in enumerate(scene.effects):
@@ -745,6 +748,18 @@ def refuse_misfits(scene: Scene) -> None:
         smallest = int(np.argmin(length))
         if length[smallest] == 0.0:
             raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {smallest}")
+
+
+def _refuse_idle_dashpots(scene: Scene) -> None:
+    """Refuse dashpots by restitution or viscosity beside interactions alone: their size follows from a repulsion."""
+    springs = any(hasattr(type(one), "pair_energy") for one in scene.effects)
+    for k, one in enumerate(scene.effects):
+        if isinstance(one, Restitution | ViscoelasticDamping) and memory_columns(scene.effects) and not springs:
+            kind = type(one).__qualname__
+            raise ValueError(
+                f"scene.effects must hold a Repulsion for {kind}, whose dashpots follow from its stiffness, got {kind} "
+                f"at {k} beside interactions alone: take pm.ContactDamping"
+            )
 
 
 def _refuse_shapes(scene: Scene) -> None:

@@ -175,7 +175,7 @@ def jkr_contact(
 ) -> tuple[float, float, float]:
     """Return x of a contact, its effective radius, and the square of the length that contact radii are x^2 of."""
     radius = 0.25 * contact_distance
-    square = (2.0 * math.pi * adhesion * radius * radius / modulus) ** (2.0 / 3.0)
+    square = math.pow(2.0 * math.pi * adhesion * radius * radius / modulus, 2.0 / 3.0)
     return jkr_root((contact_distance - distance) * radius / square), radius, square
 
 
@@ -224,7 +224,7 @@ class JKR(NamedTuple):
         """Return the distance at which bonds break [length]."""
         radius = 0.25 * contact_distance
         ratio = math.pi * self.adhesion / self.modulus
-        return contact_distance + 0.75 * (ratio * ratio * radius) ** (1.0 / 3.0)
+        return contact_distance + 0.75 * math.pow(ratio * ratio * radius, 1.0 / 3.0)
 
     def remember(self, distance: float, contact_distance: float, memory: tuple[float]) -> tuple[float]:
         """Return whether the pair is bound, 1 or 0."""
@@ -310,7 +310,7 @@ class CapillaryBridge(NamedTuple):
 
     def reach(self, contact_distance: float) -> float:
         """Return the distance at which bridges rupture [length]."""
-        return contact_distance + (1.0 + 0.5 * self.contact_angle) * self.volume ** (1.0 / 3.0)
+        return contact_distance + (1.0 + 0.5 * self.contact_angle) * math.pow(self.volume, 1.0 / 3.0)
 
     def remember(self, distance: float, contact_distance: float, memory: tuple[float]) -> tuple[float]:
         """Return whether there is a bridge, 1 or 0."""
@@ -328,7 +328,7 @@ class CapillaryBridge(NamedTuple):
             return 0.0
         pull = math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
         square = 4.0 * self.volume / (math.pi * contact_distance)
-        last = (1.0 + 0.5 * self.contact_angle) * self.volume ** (1.0 / 3.0)
+        last = (1.0 + 0.5 * self.contact_angle) * math.pow(self.volume, 1.0 / 3.0)
         gap = distance - contact_distance
         at = max(gap, 0.0)
         return pull * (gap - math.sqrt(at * at + square) - last + math.sqrt(last * last + square))

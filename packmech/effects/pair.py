@@ -384,7 +384,7 @@ def under_cap(
     distance_c: NDArray[np.float64],
     contact_distance_c: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the (C,) normal forces that Coulomb's limit is made of: sizes of repulsive ones, and what cohesion adds.
+    """Return the (C,) normal forces that Coulomb's limit is made of: those given, and what cohesion adds.
 
     Parameters
     ----------
@@ -397,9 +397,10 @@ def under_cap(
 
     """
     acting = tuple(one for one in effects if hasattr(type(one), "cap_force"))
+    if not acting:
+        return normal_c
     cap = np.abs(normal_c)
-    if acting:
-        _cap_forces(acting, np.ascontiguousarray(distance_c), np.ascontiguousarray(contact_distance_c), cap)
+    _cap_forces(acting, np.ascontiguousarray(distance_c), np.ascontiguousarray(contact_distance_c), cap)
     return np.asarray(np.maximum(cap, 0.0))
 
 

@@ -15,7 +15,7 @@ from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
-from packmech.effects import Friction, acting_friction, bonds_of
+from packmech.effects import Friction, acting_friction, bonds_of, memory_columns, remembers
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import (
     isochoric_basis,
@@ -558,6 +558,12 @@ def elastic_moduli(
     at_limit = _at_limit(contacts_at_limit, scene.packing.dimension)
     bonds = bonds_of(scene.effects)
     rough = acting_friction(scene.effects) is not None
+    if rough and memory_columns(scene.effects):
+        named = next(type(one).__qualname__ for one in scene.effects if remembers(one))
+        raise ValueError(
+            f"scene.effects must not hold both friction and {named} for pm.elastic_moduli, whose rule of which "
+            "contacts bear looks at repulsive forces: leave the friction out with scene.without(pm.Friction)"
+        )
     if not rough:
         # a coefficient of zero holds nothing, and springs of such contacts are slack
         scene = scene.without(Friction).replace(packing=without_springs(scene.packing))

@@ -347,6 +347,8 @@ def test_what_remembers_is_refused_where_nothing_could_be_remembered():
     for call in (pm.energy, lambda one: pm.simulate(one, steps=1, dt=0.01)):
         with pytest.raises(ValueError, match="memory_ck must hold the 2 numbers"):
             call(two)
+    with pytest.raises(ValueError, match="must hold a Repulsion for Restitution"):
+        pm.simulate(pm.Scene(touched(), (JKR, pm.Restitution(0.5))), steps=1, dt=0.01)
     with pytest.raises(TypeError, match="must have memory"):
 
         @pm.effect
