@@ -30,7 +30,6 @@ from packmech.mechanics.linked_systems import (
     soft_shift,
 )
 from packmech.mechanics.system import System, bordered, system_of
-from packmech.packing import without_springs
 from packmech.scene import Scene
 
 CURVATURES = ("det", "trace")
@@ -324,7 +323,7 @@ def is_stable(scene: Scene, *, strain: BoxStrain, gap_tolerance: float | None = 
     (True, False)
 
     """
-    plain = scene.replace(packing=without_springs(scene.packing))
+    plain = scene.replace(packing=scene.packing.replace(tangential=None))
     system = system_of(plain, "exact", gap_tolerance=gap_tolerance)
     network, links, d = system.network, system.links, system.network.dimension
     if not len(network.index_n) or not (len(network.contacts) or len(network.interactions)):
