@@ -67,6 +67,10 @@ from packmech.effects import Repulsion as Repulsion
 from packmech.effects import Friction as Friction
 from packmech.effects import RollingResistance as RollingResistance
 from packmech.effects import TwistingResistance as TwistingResistance
+from packmech.effects import ShortRangeAttraction as ShortRangeAttraction
+from packmech.effects import DMT as DMT
+from packmech.effects import JKR as JKR
+from packmech.effects import CapillaryBridge as CapillaryBridge
 from packmech.effects import ContactDamping as ContactDamping
 from packmech.effects import Restitution as Restitution
 from packmech.effects import ViscoelasticDamping as ViscoelasticDamping

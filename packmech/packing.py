@@ -512,6 +512,12 @@ def _check_digits(position_nd: NDArray[np.float64], radius_n: NDArray[np.float64
         )
 
 
+def without_springs(packing: Packing) -> Packing:
+    """Return the packing with tangential springs that are slack; what effects remember of its pairs is kept."""
+    held = packing.tangential
+    return packing if held is None else packing.replace(tangential=held.without_springs())
+
+
 def no_tangential(name: str, packing: Packing) -> None:
     """Check that a packing has no tangential displacements, for rules of rattlers that know no friction.
 

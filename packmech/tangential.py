@@ -13,7 +13,7 @@ from packmech.calls.display import shown
 from packmech.check import finite_array
 from packmech.links import named_pairs
 
-_FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2", "rolling_ck", "twisting_c")
+_FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2", "rolling_ck", "twisting_c", "memory_ck")
 
 
 @shown()
@@ -42,6 +42,9 @@ class TangentialDisplacements:
     rolling_ck, twisting_c
         (C, 1 or 3) and (C,) rolling and twisting displacements (`RollingResistance`, `TwistingResistance`) [length];
         None where nothing resists these.
+    memory_ck
+        (C, K) numbers that effects with a memory keep of the pairs, in the order of the scene's effects: of `JKR` and
+        `CapillaryBridge` whether it is bound. None where nothing is remembered.
 
     Raises
     ------
@@ -63,6 +66,7 @@ class TangentialDisplacements:
     bead_c2: NDArray[np.int64] | None = None
     rolling_ck: NDArray[np.float64] | None = None
     twisting_c: NDArray[np.float64] | None = None
+    memory_ck: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         site = None if self.bead_c2 is None else ("bead_c2", self.bead_c2)
@@ -82,7 +86,10 @@ class TangentialDisplacements:
                 rolling = np.where(pairs.turned_p[:, None], 0.0 - rolling, rolling)
         if twisting is not None:
             twisting = finite_array("twisting_c", twisting, shape=shape[:1], what="contact")[pairs.order_p]
-        kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2, rolling, twisting)
+        memory = self.memory_ck
+        if memory is not None:
+            memory = finite_array("memory_ck", memory, shape=(shape[0], None), what="contact")[pairs.order_p]
+        kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2, rolling, twisting, memory)
         for name, given in zip(_FIELDS, kept, strict=True):
             if given is not None:
                 array = np.ascontiguousarray(given)
@@ -108,6 +115,28 @@ class TangentialDisplacements:
     def dimension(self) -> int:
         """Number of Cartesian axes, 2 or 3."""
         return int(self.image_cd.shape[1])
+
+    def check_memory(self, columns: int) -> None:
+        """Refuse numbers kept of pairs that are not as many as a scene's effects keep.
+
+        Raises
+        ------
+        ValueError
+            With both numbers.
+
+        """
+        if self.memory_ck is not None and self.memory_ck.shape[1] != columns:
+            raise ValueError(
+                f"packing.tangential.memory_ck must hold the {columns} numbers that the scene's effects keep of each "
+                f"pair, got {self.memory_ck.shape[1]}"
+            )
+
+    def without_springs(self) -> TangentialDisplacements | None:
+        """Return what is remembered of pairs alone, all springs slack; None where nothing is."""
+        if self.memory_ck is None:
+            return None
+        slack = np.zeros_like(self.displacement_ck)
+        return TangentialDisplacements(self.i_c, self.j_c, self.image_cd, slack, memory_ck=self.memory_ck)
 
     def moved(self, image_nd: NDArray[np.int64]) -> TangentialDisplacements:
         """Return the same displacements after the particles were moved: x = new x + lattice @ image."""

@@ -425,6 +425,7 @@ BAD = {
     "contacts_at_limit": CHOICE,
     "rolling_ck": ["d", [[NAN]], [[0.1, 0.2]], [0.1]],
     "twisting_c": ["d", [NAN], [[0.1]], [0.1, 0.2]],
+    "memory_ck": ["d", [[NAN]], [[0.1], [0.2]], [0.1]],
     "coefficient_of_restitution.effects": [None, 3, "e", [3], (pm.Repulsion,), pm.Repulsion()],
     "coefficient_of_restitution.speed": [*POSITIVE, 1e9],
     "viscoelastic_time.law": [None, 3, "hertz", pm.Repulsion()],

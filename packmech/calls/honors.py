@@ -40,10 +40,11 @@ COLUMNS = {
     "links": "rigid links of the packing",
     "shapes": "shapes other than discs and spheres",
     "breaking": "bonds that break: Bonds with breaks_at",
+    "memory": "interactions that remember, such as JKR",
 }
 EFFECTS = tuple(COLUMNS)[:11]
 # columns of what a scene adds to its packing
-_OF_SCENES = (*EFFECTS, "breaking")
+_OF_SCENES = (*EFFECTS, "breaking", "memory")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -63,6 +64,7 @@ INSTEAD = {
     "links": "pm.simulate or pm.jam",
     "shapes": "pm.jam or pm.quench",
     "breaking": "pm.simulate or pm.ramp_strain",
+    "memory": "pm.simulate with dashpots",
 }
 # what no call honors in one scene, and what to do instead of leaving one of them out
 _NOT_BESIDE = {
@@ -94,6 +96,8 @@ def columns_of(effect: Any) -> tuple[str, ...]:
         found.append("damping")
     if hasattr(effect, "interaction_energy"):
         found.append("interactions")
+        if getattr(effect, "memory", 0):
+            found.append("memory")
     if hasattr(effect, "bath_rate"):
         found.append("noise")
     if hasattr(effect, "body_energy") or _pushes_at_rest(effect):

@@ -22,6 +22,7 @@ _ORDER = (
     "verdicts",
     "links",
     "friction",
+    "cohesion",
     "shapes",
     "structure",
     "motion",

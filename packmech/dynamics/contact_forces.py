@@ -46,6 +46,7 @@ from packmech.dynamics.stretches import inner_stretches
 from packmech.effects import (
     RoughContacts,
     TouchingPair,
+    cap_force,
     damps,
     is_interaction,
     pair_damping,
@@ -53,6 +54,8 @@ from packmech.effects import (
     pair_first,
     pair_second,
 )
+from packmech.effects.interaction import PairLaw, bring_memory, memory_at, memory_size, remembering_law, remembers
+from packmech.effects.pair import hook_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, inlined
 from packmech.minimize.passes.pair_list import NO_SLOT, Pair, is_near, visit, walk_pairs
@@ -181,6 +184,25 @@ def _law_of_touch(effects, touch):
     return energy, second
 
 
+def normal_under_cap(effects: Any, touch: Any, normal: Any) -> Any:
+    """Return the normal force that Coulomb's limit is made of; the same where a scene has no cohesion."""
+    raise NotImplementedError("contacts act in compiled loops")
+
+
+@inlined
+def _with_cohesion(effects, touch, normal):
+    for one in literal_unroll(effects):
+        normal += cap_force(one, touch.rho, touch.sigma)
+    return max(normal, 0.0)
+
+
+@compiled_form(normal_under_cap, inline=True)
+def _choose_normal_under_cap(effects: Any, touch: Any, normal: Any) -> Any:
+    if any(hook_of(one, "cap_force") is not None for one in effects):
+        return _with_cohesion
+    return lambda effects, touch, normal: normal
+
+
 @inlined
 def spring_of(laws, pair, k):
     """Return where the spring of the k-th touch of a pair stands."""
@@ -201,7 +223,8 @@ def pull_of_touch(laws, pair, k, touch):
         elastic += pair_first(one, touch.rho, touch.sigma)
     first = elastic + resistance_at(effects, laws, pair, touch, u, elastic)
     normal = abs(elastic) * steepness(laws.shapes, touch)
-    across, turning, on_i, on_j = friction_at(laws.friction, laws, pair, k, touch, u, normal)
+    under_cap = normal_under_cap(effects, touch, normal)
+    across, turning, on_i, on_j = friction_at(laws.friction, laws, pair, k, touch, u, under_cap)
     on_i, on_j = with_torques_of_slopes(laws.shapes, touch, first, on_i, on_j)
     return Pull(
         first * touch.x + across.fx, first * touch.y + across.fy, first * touch.z + across.fz,
@@ -210,10 +233,58 @@ def pull_of_touch(laws, pair, k, touch):
 
 
 @inlined
+def _forgetful_law(effects, laws, pair, r):
+    return law_of_rows(laws.shapes, effects, laws.body, pair.i, pair.j, r)
+
+
+@inlined
+def _remembering_law(effects, laws, pair, r):
+    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    column = len(spring_columns(laws.friction, laws.axes))
+    energy = first = 0.0
+    for one in literal_unroll(effects):
+        law = remembering_law(one, r, sigma, 1.0, memory_at(one, laws.stretch_pk, pair.p, column))
+        energy += law.energy
+        first += law.first
+        column += memory_size(one)
+    return PairLaw(energy, first, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+
+
+def law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
+    """Return the PairLaw of a pair's interactions and the slopes of its alignment along rotations of i."""
+    raise NotImplementedError("pairs are visited in compiled loops")
+
+
+@compiled_form(law_of_pair, inline=True)
+def _choose_law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
+    return _remembering_law if any(remembers(one) for one in effects) else _forgetful_law
+
+
+@inlined
+def _remember(effects, laws, pair):
+    r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
+    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    column = len(spring_columns(laws.friction, laws.axes))
+    for one in literal_unroll(effects):
+        bring_memory(one, r, sigma, laws.stretch_pk, pair.p, column)
+        column += memory_size(one)
+
+
+def remember(effects: Any, laws: ContactLaws, pair: Pair) -> None:
+    """Bring the numbers that effects keep of a pair to its distance; nothing where none keeps any."""
+    raise NotImplementedError("pairs are visited in compiled loops")
+
+
+@compiled_form(remember, inline=True)
+def _choose_remember(effects: Any, laws: Any, pair: Any) -> Any:
+    return _remember if any(remembers(one) for one in effects) else lambda effects, laws, pair: None
+
+
+@inlined
 def pull_beyond(effects, laws, pair):
     """Return the energy of a pair's interactions, touching or not, and what these do to the two rows."""
     r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
-    law, x, y, z = law_of_rows(laws.shapes, effects, laws.body, pair.i, pair.j, r)
+    law, x, y, z = law_of_pair(effects, laws, pair, r)
     push = law.first / r if r > 0.0 else 0.0
     x, y, z = law.turning * x, law.turning * y, law.turning * z
     return law.energy, Pull(
@@ -233,6 +304,7 @@ def push_beyond(effects: Any, pushing: Pushing, laws: ContactLaws, pair: Pair) -
 
 @inlined
 def _push_beyond(effects, pushing, laws, pair):
+    remember(effects, laws, pair)
     _, pull = pull_beyond(effects, laws, pair)
     add_force(laws.axes, pushing.spins, pushing.push, pair.i, pull)
     if pair.slot == NO_SLOT:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from packmech.dynamics.by_shape import touch_of_rows, touches_of
 from packmech.dynamics.contact_forces import laws_of, pull_of_touch, spring_of
 from packmech.dynamics.friction import turning_axes
-from packmech.effects import RoughContacts
+from packmech.effects import RoughContacts, memory_columns
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
@@ -68,6 +68,11 @@ def _write_sliding(friction, axes, stretch_pk, p, k, pull):
 
 
 @inlined
+def _write_no_stretch(friction, axes, stretch_pk, p, k, pull):
+    return None
+
+
+@inlined
 def _write_rough(rough, axes, stretch_pk, p, k, pull):
     _write_stretch(axes, stretch_pk, p, k, pull.across)
     k += len(turning_axes(rough.friction, axes))
@@ -86,7 +91,7 @@ def _write_across(across, axes, stretch_pk, p, k):
 
 
 _write_turning = by_type(_write_across, {type(None): _write_nothing})
-_write_stretches = by_type(_write_sliding, {RoughContacts: _write_rough})
+_write_stretches = by_type(_write_sliding, {RoughContacts: _write_rough, type(None): _write_no_stretch})
 
 
 @lean
@@ -103,4 +108,8 @@ def record_contacts(system: Any, now: Any) -> ContactRecords:
     records = ContactRecords(whole[0], whole[1], np.zeros(count), number, np.zeros((count, 3)), stretch)
     if system.acting.pairs is not None:
         _walk(laws_of(system, now), system.pairs, records)
+    memory = memory_columns(system.acting.pairs or ())
+    if stretch is not None and memory:
+        # of this time, where springs are ahead of it
+        stretch[:count, -memory:] = system.track.inner_pk[:count, -memory:]
     return records

@@ -68,6 +68,8 @@ from packmech.dynamics.time_step import (
 from packmech.effects import (
     Bonds,
     Langevin,
+    Restitution,
+    ViscoelasticDamping,
     Walls,
     bonds_of,
     damps,
@@ -75,7 +77,9 @@ from packmech.effects import (
     held_velocity,
     is_interaction,
     langevin_of,
+    memory_columns,
     reach_beyond_contact,
+    refuse_memory_of_shapes,
     refuse_tangential_bonds,
     resistances,
     roughness_of,
@@ -431,8 +435,13 @@ class Engine:
 
     @property
     def _spring_columns(self) -> int:
-        """Numbers of the springs of one touch."""
-        return len(spring_columns(self.acting.friction, self.axes))
+        """Numbers of the springs of one touch, and those that interactions keep of the pair."""
+        return len(spring_columns(self.acting.friction, self.axes)) + self._memory
+
+    @property
+    def _memory(self) -> int:
+        """How many numbers interactions keep of each pair."""
+        return memory_columns(self.scene.effects)
 
     def _set_springs(self, given: TangentialDisplacements) -> None:
         """Set the springs of the listed pairs to the packing's displacements, which the first forces are made of."""
@@ -442,7 +451,7 @@ class Engine:
         whole = given.image_cd + self.wrap_nd[given.j_c] - self.wrap_nd[given.i_c]
         image = whole @ np.rint(np.linalg.inv(self.change_dd)).astype(np.int64).T
         i, j, image, turned = one_way(row[given.i_c], row[given.j_c], image)
-        spring = columns_of(self.acting.friction, self.axes, given, turned)
+        spring = columns_of(self.acting.friction, self.axes, given, turned, self._memory)
         bead = np.zeros((len(i), 2), dtype=np.int64) if given.bead_c2 is None else given.bead_c2
         bead = np.where(turned[:, None], bead[:, ::-1], bead)
         full = np.zeros((len(i), 3), dtype=np.int64)
@@ -452,7 +461,8 @@ class Engine:
     def tangential(self) -> TangentialDisplacements | None:
         """Return the displacements of the contacts' tangential springs now; None where all are slack."""
         friction = self.acting.friction
-        if self.track is None or not any(one.coefficient for one in resistances(friction)):
+        memory = self._memory
+        if self.track is None or not (memory or any(one.coefficient for one in resistances(friction))):
             return None
         if not self.started:
             return self.scene.packing.tangential
@@ -465,8 +475,10 @@ class Engine:
         i, j = self.order_n[held.i_c], self.order_n[held.j_c]
         image = held.image_cd[:, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
         bead = held.bead_c2 if self.scene.packing.shapes.has_beads else None
-        sliding, rolling, twisting = split_columns(friction, self.axes, held.stretch_ck)
-        return TangentialDisplacements(i, j, image, sliding, bead, rolling, twisting)
+        springs = self._spring_columns - memory
+        sliding, rolling, twisting = split_columns(friction, self.axes, held.stretch_ck[:, :springs])
+        numbers = held.stretch_ck[:, springs:] if memory else None
+        return TangentialDisplacements(i, j, image, sliding, bead, rolling, twisting, numbers)
 
     def packing(self) -> Packing:
         """Return the packing as it is now, with its box, turns and tangential displacements."""
@@ -518,7 +530,7 @@ class Engine:
         self.rebuild()
         # lengths held to rounding in one cell are not in another
         project_rattle(self.rattle, body, self.space.frame.lattice_dd)
-        self.rebuild_lists(held.moved(shift, back))
+        self.rebuild_lists(held.moved(shift, back, self._memory))
 
     def rebuild(self) -> None:
         """Rebuild the frame, the images of bonds and links, and empty lists."""
@@ -721,6 +733,7 @@ def refuse_misfits(scene: Scene) -> None:
     Bonds without a length have no direction to push in; walls across z mean nothing in a plane.
     """
     _refuse_shapes(scene)
+    _refuse_idle_dashpots(scene)
     position, lattice = scene.packing.position_nd, scene.packing.box.lattice_dd
     n, d = position.shape
     for k, one in enumerate(scene.effects):
@@ -740,12 +753,25 @@ def refuse_misfits(scene: Scene) -> None:
             raise ValueError(f"scene.effects must hold bonds whose ends are apart, got no length for bond {smallest}")
 
 
+def _refuse_idle_dashpots(scene: Scene) -> None:
+    """Refuse dashpots by restitution or viscosity beside interactions alone: their size follows from a repulsion."""
+    springs = any(hasattr(type(one), "pair_energy") for one in scene.effects)
+    for k, one in enumerate(scene.effects):
+        if isinstance(one, Restitution | ViscoelasticDamping) and memory_columns(scene.effects) and not springs:
+            kind = type(one).__qualname__
+            raise ValueError(
+                f"scene.effects must hold a Repulsion for {kind}, whose dashpots follow from its stiffness, got {kind} "
+                f"at {k} beside interactions alone: take pm.ContactDamping"
+            )
+
+
 def _refuse_shapes(scene: Scene) -> None:
     """Refuse tangential springs of bonds, and what would take shapes for discs or spheres."""
     shapes = scene.packing.shapes
     if not shapes.has_orientations:
         return
     refuse_tangential_bonds(scene.effects, shapes)
+    refuse_memory_of_shapes(scene.effects, scene.packing)
     for k, one in enumerate(scene.effects):
         kind = type(one).__qualname__
         own_walls = getattr(one, "acts_as", None) == "walls" and not isinstance(one, Walls)
@@ -802,7 +828,7 @@ def build_engine(
     bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
     friction, bonds = roughness_of(scene.effects), bonds_of(scene.effects)
     langevin = _bath_of(scene, second_order)
-    shapes = packing.shapes
+    shapes, memory = packing.shapes, memory_columns(scene.effects)
     turns = friction is not None or bonds is not None or shapes.has_orientations
     spins = 0 if not turns else 1 if d == 2 else 3
     lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
@@ -871,8 +897,8 @@ def build_engine(
             n, skin, reach_beyond_contact(scene.effects, packing.radius_n), row_b=blocks_of(n), width=d + spins
         ),
         track=None
-        if friction is None
-        else empty_track(len(spring_columns(friction, tuple(range(d)))), most_beads(packing)),
+        if friction is None and not memory
+        else empty_track(len(spring_columns(friction, tuple(range(d)))) + memory, most_beads(packing)),
         dt=dt,
         second_order=second_order,
         resolution=np.finfo(np.float64).eps * extent,

@@ -23,7 +23,9 @@ from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.scene import Scene
 
 
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking")
+@honors(
+    "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory"
+)
 def simulate(
     scene: Scene,
     *,
@@ -151,7 +153,9 @@ def simulate(
     return task.run(begin)
 
 
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking")
+@honors(
+    "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory"
+)
 def resume(
     path: str | os.PathLike[str],
     scene: Scene,

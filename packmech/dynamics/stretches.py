@@ -48,7 +48,8 @@ def empty_track(columns: int, beads: int = 1) -> Track:
 class Stretches(NamedTuple):
     """Pairs of rows (i < j, or i == j), images in the loops' lattice (C, 3), beads (C, 2), and stretches of one touch.
 
-    Those of sliding in 1 or 3 columns, then of rolling in as many, then of twisting in one, where there are such.
+    Those of sliding in 1 or 3 columns, then of rolling in as many, then of twisting in one, where there are such; then
+    the numbers that interactions keep of the pair, `memory` columns of them.
     """
 
     i_c: NDArray[np.int64]
@@ -57,7 +58,7 @@ class Stretches(NamedTuple):
     bead_c2: NDArray[np.int64]
     stretch_ck: NDArray[np.float64]
 
-    def moved(self, shift_nd: NDArray[np.int64], back_dd: NDArray[np.int64]) -> Stretches:
+    def moved(self, shift_nd: NDArray[np.int64], back_dd: NDArray[np.int64], memory: int = 0) -> Stretches:
         """Return them after rows were moved by minus lattice @ shift and the lattice was exchanged.
 
         Parameters
@@ -66,6 +67,8 @@ class Stretches(NamedTuple):
             (N, d) whole numbers.
         back_dd
             (d, d) whole numbers: inverse of the change of lattice vectors.
+        memory
+            Columns at the end that have no direction.
 
         """
         d = shift_nd.shape[1]
@@ -82,7 +85,8 @@ class Stretches(NamedTuple):
             bead = np.where(turned[:, None], bead[:, ::-1], bead)
             if d == 3:
                 # nothing rolls or twists on itself
-                stretch = np.where(turned[:, None], -stretch, stretch)
+                directed = turned[:, None] & (np.arange(stretch.shape[1]) < stretch.shape[1] - memory)
+                stretch = np.where(directed, -stretch, stretch)
         return Stretches(self.i_c, self.j_c, image, bead, stretch)
 
 
@@ -91,14 +95,18 @@ def split_columns(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """Return sliding (C, 1 or 3), rolling (C, 1 or 3) and twisting (C,) displacements of stretches; None for no such.
 
+    Without friction sliding ones are 0.
+
     Parameters
     ----------
     friction, axes
         Of the engine.
     stretch_ck
-        As in `Stretches`.
+        As in `Stretches`, without what interactions remember.
 
     """
+    if friction is None:
+        return np.zeros((len(stretch_ck), 1 if len(axes) == 2 else 3)), None, None
     sliding = len(turning_axes(friction, axes))
     if not isinstance(friction, RoughContacts):
         return stretch_ck, None, None
@@ -107,7 +115,11 @@ def split_columns(
 
 
 def columns_of(
-    friction: Any, axes: tuple[int, ...], given: TangentialDisplacements, turned_c: NDArray[np.bool_]
+    friction: Any,
+    axes: tuple[int, ...],
+    given: TangentialDisplacements,
+    turned_c: NDArray[np.bool_],
+    memory: int = 0,
 ) -> NDArray[np.float64]:
     """Return the stretches of a packing's displacements, zero for what it has none of.
 
@@ -119,8 +131,14 @@ def columns_of(
         The packing's.
     turned_c
         (C,) whether i and j of a row are exchanged.
+    memory
+        How many numbers interactions keep of each pair.
 
     """
+    given.check_memory(memory)
+    kept = np.zeros((len(given), memory)) if given.memory_ck is None else given.memory_ck
+    if friction is None:
+        return kept
     count, sliding = len(given), len(turning_axes(friction, axes))
     found = np.zeros((count, len(spring_columns(friction, axes))))
     turned = turned_c[:, None]
@@ -131,7 +149,7 @@ def columns_of(
         rolling[:] = np.where(turned & (sliding == 1), -given.rolling_ck, given.rolling_ck)
     if twisting is not None and given.twisting_c is not None:
         twisting[:] = given.twisting_c
-    return found
+    return np.hstack([found, kept])
 
 
 def read_stretches(pairs: PairList, track: Track | None, components: int) -> Stretches:

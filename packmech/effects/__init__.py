@@ -26,6 +26,7 @@ from packmech.effects.bonds import (
     refuse_tangential_bonds,
     refuse_tangential_springs,
 )
+from packmech.effects.cohesion import DMT, JKR, CapillaryBridge, ShortRangeAttraction
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction, acting_friction, friction_of, friction_or_zero
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
@@ -37,7 +38,10 @@ from packmech.effects.interaction import (
     interaction_law,
     interactions_of,
     is_interaction,
+    memory_columns,
     reach_beyond_contact,
+    refuse_memory_of_shapes,
+    remembers,
 )
 from packmech.effects.langevin import Langevin, langevin_of
 from packmech.effects.laws import (
@@ -59,6 +63,7 @@ from packmech.effects.laws import (
 from packmech.effects.pair import (
     ContactTerms,
     TouchingPair,
+    cap_force,
     check_effect,
     contact_terms,
     damps,
@@ -70,6 +75,7 @@ from packmech.effects.pair import (
     pair_first,
     pair_second,
     registered_effects,
+    under_cap,
 )
 from packmech.effects.repulsion import Repulsion
 from packmech.effects.rolling import (
@@ -104,14 +110,19 @@ __all__ = [
     "interaction_law",
     "interactions_of",
     "is_interaction",
+    "refuse_memory_of_shapes",
+    "remembers",
+    "memory_columns",
     "reach_beyond_contact",
     "SIGNED",
     "BackgroundDamping",
     "BREAKING_MODES",
     "BondLimits",
     "Bonds",
+    "CapillaryBridge",
     "ContactDamping",
     "ContactTerms",
+    "DMT",
     "DivergentRepulsion",
     "ExponentialTension",
     "FixedParticles",
@@ -121,6 +132,7 @@ __all__ = [
     "Hertz",
     "Langevin",
     "langevin_of",
+    "JKR",
     "Law",
     "LinearSpring",
     "PlateauRepulsion",
@@ -128,6 +140,7 @@ __all__ = [
     "Repulsion",
     "RollingResistance",
     "RoughContacts",
+    "ShortRangeAttraction",
     "TwistingResistance",
     "refuse_rolling",
     "resistances",
@@ -146,6 +159,8 @@ __all__ = [
     "first_on_wall",
     "bonded_pairs",
     "bonds_of",
+    "under_cap",
+    "cap_force",
     "check_effect",
     "check_law",
     "contact_terms",

@@ -161,6 +161,10 @@ def default_record(cls: Any) -> Any | None:
 _NEAR_REACH, _STILL_THERE = 1e-10, 1e-4
 # distances [reach] and alignments at which an interaction is looked at, and half the difference of alignments
 _PARTS_OF_REACH = (0.2371, 0.4819, 0.6713, 0.9137)
+# range beyond contact, over the contact distance, from which on differences in it can be taken
+_RESOLVED = 1e-6
+# distance over contact distance at which a pair touched that an interaction remembers
+_TOUCHED = 0.99
 _ALIGNMENTS = (-0.8371, -0.1713, 0.4519, 0.9173)
 
 
@@ -180,21 +184,24 @@ def check_interaction(what: str, effect: Any) -> None:
         Naming the wrong hook, where, what it gives there and what differences of the one before it give.
 
     """
-    places = [
-        (part * float(effect.reach(sigma)), sigma, alignment)
-        for sigma in _CONTACT_DISTANCES
-        for part in _PARTS_OF_REACH
-        for alignment in _ALIGNMENTS
-    ]
+    places = []
+    for sigma in _CONTACT_DISTANCES:
+        reach = float(effect.reach(sigma))
+        beyond = reach - sigma if reach > sigma else 0.0
+        at = [part * reach for part in _PARTS_OF_REACH]
+        # a short range beyond contact is looked at by itself, but not where distances are rounded to too large a part
+        at += [sigma + part * beyond for part in _PARTS_OF_REACH if beyond > _RESOLVED * sigma]
+        places += [(distance, sigma, alignment) for distance in at for alignment in _ALIGNMENTS]
+    reach_of = {sigma: float(effect.reach(sigma)) for sigma in _CONTACT_DISTANCES}
     names = ("interaction_energy", "interaction_first", "interaction_second")
     parts = (
         ((0, 0, "distance"), (1, 0, "alignment")),
         ((0, 0, "distance"), (1, 0, "alignment"), (1, 1, "distance"), (2, 1, "alignment")),
     )
     for order in (0, 1):
-        lower, upper = (functools.partial(_components, getattr(effect, name)) for name in names[order : order + 2])
+        lower, upper = (functools.partial(_components, effect, name) for name in names[order : order + 2])
         for entry, source, by in parts[order]:
-            found = [(place, _slopes_at(place, entry, source, by, lower, upper)) for place in places]
+            found = [(place, _slopes_at(place, entry, source, by, lower, upper, reach_of)) for place in places]
             scale = max((abs(value) for _, pair in found for value in pair), default=0.0)
             for place, (given, difference) in found:
                 if abs(given - difference) > _TOLERANCE * max(abs(given), abs(difference)) + _ROUNDING * scale:
@@ -206,10 +213,13 @@ def check_interaction(what: str, effect: Any) -> None:
     if may_jump(effect):
         return
     for name in names[:2]:
-        hook = functools.partial(_components, getattr(effect, name))
+        hook = functools.partial(_components, effect, name)
         largest = max(abs(value) for place in places for value in hook(place))
         for sigma in _CONTACT_DISTANCES:
-            far = float(effect.reach(sigma)) * (1.0 - _NEAR_REACH)
+            reach = reach_of[sigma]
+            if 0.0 < reach - sigma <= _RESOLVED * sigma:
+                continue
+            far = reach - _NEAR_REACH * (min(reach, reach - sigma) if reach > sigma else reach)
             last = max(abs(value) for alignment in _ALIGNMENTS for value in hook((far, sigma, alignment)))
             if last > _STILL_THERE * largest:
                 raise ValueError(
@@ -219,17 +229,28 @@ def check_interaction(what: str, effect: Any) -> None:
                 )
 
 
-def _components(hook: Callable[..., Any], place: tuple[float, float, float]) -> tuple[float, ...]:
-    found = hook(*place)
+def _components(effect: Any, name: str, place: tuple[float, float, float]) -> tuple[float, ...]:
+    """Return what a hook gives, of one with a memory for a pair that touched."""
+    memory = int(getattr(type(effect), "memory", 0))
+    numbers = (effect.remember(_TOUCHED * place[1], place[1], (0.0,) * memory),) if memory else ()
+    found = getattr(effect, name)(*place, *numbers)
     return tuple(map(float, found)) if isinstance(found, tuple) else (float(found),)
 
 
 def _slopes_at(
-    place: tuple[float, float, float], entry: int, source: int, by: str, lower: Callable[..., Any], upper: Any
+    place: tuple[float, float, float],
+    entry: int,
+    source: int,
+    by: str,
+    lower: Callable[..., Any],
+    upper: Any,
+    reach_of: dict[float, float],
 ) -> tuple[float, float]:
     """Return an entry of the upper hook, and the difference of an entry of the lower one that it should be."""
     distance, sigma, alignment = place
-    half = _HALF_WIDTH * (sigma if by == "distance" else 1.0)
+    # beyond contact nothing is smoother than the range is long
+    length = min(sigma, reach_of[sigma] - sigma) if distance > sigma else sigma
+    half = _HALF_WIDTH * (length if by == "distance" else 1.0)
     shift = (half, 0.0) if by == "distance" else (0.0, half)
     there = lower((distance + shift[0], sigma, alignment + shift[1]))[source]
     back = lower((distance - shift[0], sigma, alignment - shift[1]))[source]

@@ -13,6 +13,16 @@ for distances of centers below its reach, whether the particles touch or not. Th
 the angle between its directions: the directors of ellipses and spheroids, the first axes of rigid bodies. Discs and
 spheres have none: theirs is 1, and nothing turns them. What an interaction does is an element like a contact
 (`packmech.contacts.elements`), with the slopes of the distance and of the alignment.
+
+An interaction of discs and spheres may remember what happened to a pair. Its class says how many numbers it keeps of
+each, `memory = 1`, and defines
+
+    remember(self, distance, contact_distance, memory)      the numbers (a tuple) at this distance, from those before
+
+The hooks above, all but `reach`, then take the numbers as their last argument. They are 0 for pairs that come within
+reach, and again beyond it. Time steps ask for new ones before each force, at rest they are those that the packing holds
+(`TangentialDisplacements.memory_ck`), or zeros, brought to the distance of the pair: what was remembered once is
+remembered the same when asked for again at the same distance. Derivatives are those at fixed numbers.
 """
 
 from __future__ import annotations
@@ -31,7 +41,8 @@ from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pai
 from packmech.effects.bonds import acting_contacts, bonds_of
 from packmech.effects.laws import law_energy, law_first, law_second
 from packmech.effects.pair import hook_of
-from packmech.jit.compiled import compiled_form, kernel
+from packmech.jit.compiled import compiled_form, device, kernel
+from packmech.links import named_rows
 from packmech.packing import Packing
 
 
@@ -57,11 +68,131 @@ def interactions_of(effects: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(one for one in effects if is_interaction(one))
 
 
+def memory_size(effect: Any) -> int:
+    """Return how many numbers an effect, its class, or that of numba's type of one, keeps of each pair."""
+    return int(getattr(getattr(effect, "instance_class", effect), "memory", 0))
+
+
+@compiled_form(memory_size, inline=True)
+def _choose_memory_size(effect: Any) -> Any:
+    size = memory_size(effect)
+    return lambda effect: size
+
+
+def remembers(effect: Any) -> bool:
+    """Return whether an effect, or numba's type of one, keeps numbers of pairs."""
+    return memory_size(effect) > 0
+
+
+def memory_columns(effects: tuple[Any, ...]) -> int:
+    """Return how many numbers all effects together keep of each pair."""
+    return sum(memory_size(one) for one in effects if is_interaction(one))
+
+
+def refuse_memory_of_shapes(effects: tuple[Any, ...], packing: Packing) -> None:
+    """Refuse interactions that remember of particles with shapes: they act between discs and spheres.
+
+    Raises
+    ------
+    ValueError
+        Naming the effect.
+
+    """
+    for k, one in enumerate(effects):
+        if remembers(one) and packing.shapes.has_orientations:
+            raise ValueError(
+                f"scene.effects must hold no {type(one).__qualname__} for {type(packing.shapes).__name__}: what "
+                f"remembers acts between discs and spheres, got it at {k}"
+            )
+
+
+def memory_at(effect: Any, number_pk: Any, p: int, column: int) -> tuple[float, ...]:
+    """Return the numbers that one effect keeps of a pair, a tuple, from the row p of an array from a column on."""
+    return tuple(float(number_pk[p, column + k]) for k in range(memory_size(effect)))
+
+
+def _reader(size: int) -> Any:
+    """Return a compiled function that reads so many numbers into a tuple."""
+    if size == 0:
+        return device(lambda number_pk, p, column: ())
+    before, last = _reader(size - 1), size - 1
+    return device(lambda number_pk, p, column: (*before(number_pk, p, column), number_pk[p, column + last]))
+
+
+@compiled_form(memory_at, inline=True)
+def _choose_memory_at(effect: Any, number_pk: Any, p: Any, column: Any) -> Any:
+    read, size = _readers(memory_size(effect)), memory_size(effect)
+    if size == 0:
+        return lambda effect, number_pk, p, column: ()
+    return lambda effect, number_pk, p, column: read(number_pk, p, column)
+
+
+_readers = functools.lru_cache(_reader)
+
+
+def remembered(effect: Any, distance: float, contact_distance: float, memory: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the numbers that one effect keeps of a pair at this distance; zeros from its reach on."""
+    if not remembers(effect):
+        return ()
+    if distance >= effect.reach(contact_distance):
+        return (0.0,) * memory_size(effect)
+    return tuple(effect.remember(distance, contact_distance, memory))
+
+
+@compiled_form(remembered)
+def _choose_remembered(effect: Any, distance: Any, contact_distance: Any, memory: Any) -> Any:
+    if not remembers(effect):
+        return lambda effect, distance, contact_distance, memory: ()
+    reach, hook, nothing = hook_of(effect, "reach"), hook_of(effect, "remember"), (0.0,) * memory_size(effect)
+    assert reach is not None and hook is not None
+
+    def numbers(effect, distance, contact_distance, memory):  # type: ignore[no-untyped-def]
+        if distance >= reach(effect, contact_distance):
+            return nothing
+        return hook(effect, distance, contact_distance, memory)
+
+    return numbers
+
+
+def bring_memory(effect: Any, distance: float, contact_distance: float, number_pk: Any, p: int, column: int) -> None:
+    """Bring the numbers that one effect keeps of a pair, in the row p from a column on, to this distance."""
+    for k, one in enumerate(remembered(effect, distance, contact_distance, memory_at(effect, number_pk, p, column))):
+        number_pk[p, column + k] = one
+
+
+@compiled_form(bring_memory, inline=True)
+def _choose_bring_memory(effect: Any, distance: Any, contact_distance: Any, number_pk: Any, p: Any, column: Any) -> Any:
+    size = memory_size(effect)
+    if size == 0:
+        return lambda effect, distance, contact_distance, number_pk, p, column: None
+
+    def bring(effect, distance, contact_distance, number_pk, p, column):  # type: ignore[no-untyped-def]
+        now = remembered(effect, distance, contact_distance, memory_at(effect, number_pk, p, column))
+        for k in range(size):
+            number_pk[p, column + k] = now[k]
+
+    return bring
+
+
 def interaction_law(effect: Any, distance: float, contact_distance: float, alignment: float) -> PairLaw:
-    """Return the law of a pair under one effect: zero beyond its reach, and under an effect that is no interaction."""
+    """Return the law of a pair under one effect: zero beyond its reach, and under an effect that is no interaction.
+
+    One that remembers has the numbers of a pair that came to this distance from afar.
+    """
+    nothing = (0.0,) * memory_size(effect)
+    numbers = remembered(effect, distance, contact_distance, nothing) if is_interaction(effect) else nothing
+    return remembering_law(effect, distance, contact_distance, alignment, numbers)
+
+
+def remembering_law(
+    effect: Any, distance: float, contact_distance: float, alignment: float, memory: tuple[float, ...]
+) -> PairLaw:
+    """Return the same with the numbers that the effect keeps of the pair."""
     if not is_interaction(effect) or distance >= effect.reach(contact_distance):
         return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    at = (distance, contact_distance, alignment)
+    at: tuple[Any, ...] = (distance, contact_distance, alignment)
+    if remembers(effect):
+        at = (*at, memory)
     first, turning = effect.interaction_first(*at)
     return PairLaw(effect.interaction_energy(*at), first, turning, *effect.interaction_second(*at))
 
@@ -69,6 +200,9 @@ def interaction_law(effect: Any, distance: float, contact_distance: float, align
 @compiled_form(interaction_law)
 def _choose_interaction_law(effect: Any, distance: Any, contact_distance: Any, alignment: Any) -> Any:
     if not is_interaction(effect):
+        return lambda effect, distance, contact_distance, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    if remembers(effect):
+        # compiled in minimizers and batches, which refuse these effects by name
         return lambda effect, distance, contact_distance, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     reach, energy, firsts, seconds = (
         hook_of(effect, name) for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
@@ -82,6 +216,28 @@ def _choose_interaction_law(effect: Any, distance: Any, contact_distance: Any, a
         first, turning = firsts(effect, distance, contact_distance, alignment)
         second, mixed, bending = seconds(effect, distance, contact_distance, alignment)
         whole = energy(effect, distance, contact_distance, alignment)
+        return PairLaw(whole, first, turning, second, mixed, bending)
+
+    return law
+
+
+@compiled_form(remembering_law)
+def _choose_remembering_law(effect: Any, distance: Any, contact_distance: Any, alignment: Any, memory: Any) -> Any:
+    if not remembers(effect) or not is_interaction(effect):
+        return lambda effect, distance, contact_distance, alignment, memory: interaction_law(
+            effect, distance, contact_distance, alignment
+        )
+    reach, energy, firsts, seconds = (
+        hook_of(effect, name) for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
+    )
+    assert reach is not None and energy is not None and firsts is not None and seconds is not None
+
+    def law(effect, distance, contact_distance, alignment, memory):  # type: ignore[no-untyped-def]
+        if distance >= reach(effect, contact_distance):
+            return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        first, turning = firsts(effect, distance, contact_distance, alignment, memory)
+        second, mixed, bending = seconds(effect, distance, contact_distance, alignment, memory)
+        whole = energy(effect, distance, contact_distance, alignment, memory)
         return PairLaw(whole, first, turning, second, mixed, bending)
 
     return law
@@ -204,11 +360,15 @@ class Interactions:
 
 
 @kernel
-def _laws(effects, distance_c, contact_distance_c, alignment_c, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
-    """Add the laws of the pairs; return nothing."""
+def _laws(effects, distance_c, contact_distance_c, alignment_c, memory_ck, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
+    """Add the laws of the pairs, with the numbers that are kept of them; return nothing."""
     for c in range(distance_c.shape[0]):
+        column = 0
         for one in literal_unroll(effects):
-            law = interaction_law(one, distance_c[c], contact_distance_c[c], alignment_c[c])
+            r, sigma = distance_c[c], contact_distance_c[c]
+            numbers = remembered(one, r, sigma, memory_at(one, memory_ck, c, column))
+            law = remembering_law(one, r, sigma, alignment_c[c], numbers)
+            column += memory_size(one)
             energy_c[c] += law.energy
             first_ck[c, 0] += law.first
             first_ck[c, 1] += law.turning
@@ -229,6 +389,7 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
         The scene's effects.
 
     """
+    refuse_memory_of_shapes(effects, packing)
     acting, bonded = interactions_of(effects), bonded_pairs(packing, effects)
     pairs = Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension), np.int64))
     if acting:
@@ -242,9 +403,21 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
     alignment, turning, bending = _alignments(packing, near)
     found = Interactions(near, energy, first, second, turning, bending)
     if acting:
-        _laws(acting, near.distance_c, near.contact_distance_c, alignment, energy, first, second)
+        memory = _memory_of(packing, near, memory_columns(acting))
+        _laws(acting, near.distance_c, near.contact_distance_c, alignment, memory, energy, first, second)
         found = found.select((energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2)))
     return found.joined(bonded)
+
+
+def _memory_of(packing: Packing, pairs: Contacts, columns: int) -> NDArray[np.float64]:
+    """Return the (C, K) numbers that the packing holds of pairs; zeros for all others."""
+    found, held = np.zeros((len(pairs), columns)), packing.tangential
+    if columns and held is not None and held.memory_ck is not None:
+        held.check_memory(columns)
+        known, asked = ((one.i_c, one.j_c, one.image_cd) for one in (pairs, held))
+        place = named_rows(known, asked)
+        found[place[place >= 0]] = held.memory_ck[place >= 0]
+    return found
 
 
 @kernel

@@ -35,10 +35,12 @@ _HOOKS = {
     "pair_second": 3,
     "pair_damping": 2,
     "tangential_force": 3,
+    "cap_force": 3,
     "reach": 2,
     "interaction_energy": 4,
     "interaction_first": 4,
     "interaction_second": 4,
+    "remember": 4,
     "body_force": 9,
     "body_energy": 6,
     "body_second": 6,
@@ -98,14 +100,18 @@ def effect(cls: E) -> E:
         pair_damping(pair)                                     coefficient c >= 0 of a dashpot, whose force on j along n
                                                                is -c d(distance)/dt [mass/time]; pair is a
                                                                `TouchingPair`
+        cap_force(distance, contact_distance)                  what it adds to the normal force of the repulsion that
+                                                               Coulomb's limit is made of [force]: of cohesion, its
+                                                               own force and twice the pull-off force
         body_energy(x, y, z, mass, radius)                     energy of a single particle [energy]
         body_force(x, y, z, u, v, w, mass, radius)             the three components of the force on it [force]; (u, v,
                                                                w) is its peculiar velocity
         body_second(x, y, z, mass, radius)                     second derivatives xx, yy, zz, yz, xz, xy of its energy
         spin_drag()                                            rate at which spins relax to the flow's [1/time]
         reach(contact_distance), interaction_energy(distance,  forces between centers, of a range of their own, and
-        contact_distance, alignment), interaction_first,       torques between directions; first and second derivatives
-        interaction_second                                     are described in `packmech.effects.interaction`
+        contact_distance, alignment), interaction_first,       torques between directions; these, and `remember` with
+        interaction_second                                     `memory = 1`, the numbers that a class keeps of each
+                                                               pair, are described in `packmech.effects.interaction`
         =====================================================  =========================================================
 
         Those of pairs are asked for distances below contact. (x, y, z) is the place in the cell: an energy that differs
@@ -145,9 +151,11 @@ def effect(cls: E) -> E:
     missing = [name for name in _INTERACTION if name not in hooks]
     if missing and len(missing) < len(_INTERACTION):
         raise TypeError(f"effect {cls.__name__} must define {', '.join(missing)}, too, where it acts within a reach")
+    memory = _memory_of(cls, hooks)
     for name, function in hooks.items():
-        if len(inspect.signature(function).parameters) != _HOOKS[name]:
-            raise TypeError(f"effect {cls.__name__}.{name} must take {_HOOKS[name]} arguments, self included")
+        count = _HOOKS[name] + (bool(memory) and name.startswith("interaction"))
+        if len(inspect.signature(function).parameters) != count:
+            raise TypeError(f"effect {cls.__name__}.{name} must take {count} arguments, self included")
     if "tangential_force" in hooks and not cls.__module__.startswith("packmech."):
         raise TypeError(f"effect {cls.__name__} must not define tangential_force: friction is that of Friction alone")
     said = getattr(cls, "acts_as", EFFECTS[0])
@@ -158,8 +166,26 @@ def effect(cls: E) -> E:
     example = default_record(cls)
     if example is not None:
         check_effect(example)
-    _COMPILED[cls] = compiled_methods("effect", cls, hooks, {"pair_damping": (TouchingPair(*map(float, range(7))),)})
+    records: dict[str, tuple[Any, ...]] = {"pair_damping": (TouchingPair(*map(float, range(7))),)}
+    if memory:
+        numbers = (0.0,) * memory
+        records |= {name: (1.0, 1.0, 1.0, numbers) for name in _INTERACTION[1:]}
+        records["remember"] = (1.0, 1.0, numbers)
+    _COMPILED[cls] = compiled_methods("effect", cls, hooks, records)
     return cls
+
+
+def _memory_of(cls: type, hooks: dict[str, Any]) -> int:
+    """Return how many numbers a class keeps of each pair, and refuse what says so without keeping any."""
+    memory = getattr(cls, "memory", 0)
+    if "memory" in getattr(cls, "_fields", ()) or isinstance(memory, bool) or not isinstance(memory, int) or memory < 0:
+        raise TypeError(f"effect {cls.__name__}.memory must be how many numbers it keeps of each pair, got {memory!r}")
+    if bool(memory) != ("remember" in hooks) or (memory and "reach" not in hooks):
+        raise TypeError(
+            f"effect {cls.__name__} must have memory = (how many numbers it keeps of each pair), remember(distance, "
+            "contact_distance, memory) and the hooks of an interaction, or none of the first two"
+        )
+    return memory
 
 
 def check_effect(effect: Any) -> None:
@@ -243,6 +269,12 @@ def pair_damping(effect: Any, pair: TouchingPair) -> float:
     return 0.0 if hook is None else hook(pair)
 
 
+def cap_force(effect: Any, distance: float, contact_distance: float) -> float:
+    """Return what one effect adds to the normal force of Coulomb's limit [force]."""
+    hook = getattr(effect, "cap_force", None)
+    return 0.0 if hook is None else hook(distance, contact_distance)
+
+
 def damps(effect: Any) -> bool:
     """Return whether an effect, its class, or numba's type of one, puts dashpots between touching pairs."""
     return hasattr(getattr(effect, "instance_class", effect), "pair_damping")
@@ -272,6 +304,14 @@ def _pair_first(effect: Any, distance: Any, contact_distance: Any) -> Any:
 @compiled_form(pair_second)
 def _pair_second(effect: Any, distance: Any, contact_distance: Any) -> Any:
     function = hook_of(effect, "pair_second")
+    if function is None:
+        return lambda effect, distance, contact_distance: 0.0
+    return function
+
+
+@compiled_form(cap_force)
+def _cap_force(effect: Any, distance: Any, contact_distance: Any) -> Any:
+    function = hook_of(effect, "cap_force")
     if function is None:
         return lambda effect, distance, contact_distance: 0.0
     return function
@@ -330,6 +370,39 @@ def _contact_terms(effects, distance_c, contact_distance_c, touching_c, energy_c
             energy_c[c] = energy
             first_c[c] = first
             second_c[c] = second
+
+
+@kernel
+def _cap_forces(effects, distance_c, contact_distance_c, cap_c):  # type: ignore[no-untyped-def]
+    for c in range(distance_c.shape[0]):
+        for one in literal_unroll(effects):
+            cap_c[c] += cap_force(one, distance_c[c], contact_distance_c[c])
+
+
+def under_cap(
+    effects: tuple[Any, ...],
+    normal_c: NDArray[np.float64],
+    distance_c: NDArray[np.float64],
+    contact_distance_c: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the (C,) normal forces that Coulomb's limit is made of: those given, and what cohesion adds.
+
+    Parameters
+    ----------
+    effects
+        The scene's effects.
+    normal_c
+        (C,) normal forces of the repulsion [force].
+    distance_c, contact_distance_c
+        (C,) distances and contact distances [length].
+
+    """
+    acting = tuple(one for one in effects if hasattr(type(one), "cap_force"))
+    if not acting:
+        return normal_c
+    cap = np.abs(normal_c)
+    _cap_forces(acting, np.ascontiguousarray(distance_c), np.ascontiguousarray(contact_distance_c), cap)
+    return np.asarray(np.maximum(cap, 0.0))
 
 
 def contact_terms(

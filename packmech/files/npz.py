@@ -44,7 +44,7 @@ _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 LINK_GROUP = ("link_", _LINK_ARRAYS, "links")
 _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "tangential displacements")
 # fields of tangential displacements that not all have
-_SPRINGS_ALSO = ("bead_c2", "rolling_ck", "twisting_c")
+_SPRINGS_ALSO = ("bead_c2", "rolling_ck", "twisting_c", "memory_ck")
 _SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
 # of the arrays of shapes: what their names begin with, and the version of the format that has them

@@ -35,6 +35,7 @@ from packmech.effects import (
     single_terms,
     total_push,
     twisting_of,
+    under_cap,
 )
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
@@ -86,10 +87,16 @@ class ContactForces:
     tangential_cd: NDArray[np.float64]
 
     @functools.cached_property
+    def under_cap_c(self) -> NDArray[np.float64]:
+        """The (C,) normal forces that Coulomb's limit is made of, with what cohesion adds [force]."""
+        pairs = self.contacts
+        return under_cap(self.scene.effects, self.normal_c, pairs.distance_c, pairs.contact_distance_c)
+
+    @functools.cached_property
     def limit(self) -> CoulombLimit:
         """Which contacts are at the Coulomb limit, which are doubtful, and the bound between (`find_at_limit`)."""
         size = np.sqrt((self.tangential_cd**2).sum(axis=1))
-        return find_at_limit(size, self.normal_c, _coefficient(self.scene), self.residual)
+        return find_at_limit(size, self.under_cap_c, _coefficient(self.scene), self.residual)
 
     @property
     def at_limit_c(self) -> NDArray[np.bool_]:
@@ -123,7 +130,7 @@ class ContactForces:
     def energy(self) -> float:
         """The energy of contacts and their tangential springs, interactions, what acts on single particles [energy]."""
         effects, pairs = self.scene.effects, self.contacts
-        springs = tangential_forces(self.scene, pairs, self.normal_c).energy_c + self.turning.energy_c
+        springs = tangential_forces(self.scene, pairs, self.under_cap_c).energy_c + self.turning.energy_c
         whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
         whole += float(np.add.reduce(self.interactions.energy_c))
         return whole + float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
@@ -131,7 +138,7 @@ class ContactForces:
     @functools.cached_property
     def turning(self) -> TurningForces:
         """What resists rolling and twisting of discs and spheres."""
-        return turning_forces(self.scene, self.contacts, self.normal_c)
+        return turning_forces(self.scene, self.contacts, self.under_cap_c)
 
     @functools.cached_property
     def force_nd(self) -> NDArray[np.float64]:
@@ -366,7 +373,7 @@ class ContactForces:
         rolled = np.sqrt((self.turning.rolling_cd**2).sum(axis=1))
         both = ((rolling_of(effects), rolled), (twisting_of(effects), np.abs(self.turning.twisting_c)))
         return sum(
-            int((find_at_limit(size, self.normal_c, one.coefficient, self.residual).at_limit_c & held).sum())
+            int((find_at_limit(size, self.under_cap_c, one.coefficient, self.residual).at_limit_c & held).sum())
             for one, size in both
             if one is not None
         )
@@ -447,7 +454,8 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
     terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
     # 0 - u', so that a contact without a force has 0 and not -0
     normal = 0.0 - terms.first_c * contacts.push_c
-    across = tangential_forces(scene, contacts, normal).force_cd
+    cap = under_cap(scene.effects, normal, contacts.distance_c, contacts.contact_distance_c)
+    across = tangential_forces(scene, contacts, cap).force_cd
     return ContactForces(scene, contacts, normal, across)
 
 
@@ -513,7 +521,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking",
+    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory",
     at_rest=True,
     link_tolerance=STRAINED,
 )

@@ -44,6 +44,7 @@ from packmech.effects import (
     roughness_of,
     single_terms,
     total_push,
+    under_cap,
 )
 from packmech.effects.single import places_in_cell
 from packmech.jit.blas import single_thread
@@ -226,12 +227,13 @@ def _touching(
     )
     springs, dashpots = elements_of(found, terms.first_c, terms.second_c), elements_of(found, slack, damping_c)
     radius = scene.packing.radius_n
+    cap = under_cap(scene.effects, -terms.first_c, found.distance_c, found.contact_distance_c)
     if friction.stiffness:
-        across = tangential_forces(scene, found, -terms.first_c).force_cd
+        across = tangential_forces(scene, found, cap).force_cd
         springs = tangential_elements(found, radius, terms.first_c, terms.second_c, across, friction.stiffness)[0]
     if friction.damping:
         dashpots = tangential_elements(found, radius, slack, damping_c, none, friction.damping)[0]
-    turning = scene.effects, found, scene.packing, turning_forces(scene, found, -terms.first_c)
+    turning = scene.effects, found, scene.packing, turning_forces(scene, found, cap)
     return [springs, *turning_springs(*turning)], [dashpots, *turning_springs(*turning, dashpots=True)]
 
 

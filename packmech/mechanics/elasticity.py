@@ -15,7 +15,7 @@ from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
-from packmech.effects import Friction, acting_friction, bonds_of
+from packmech.effects import Friction, acting_friction, bonds_of, memory_columns, remembers
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import (
     isochoric_basis,
@@ -39,6 +39,7 @@ from packmech.mechanics.frictional import (
 from packmech.mechanics.linked_systems import SOFT, linked_system, negative_motions, soft_shift
 from packmech.mechanics.relaxation import RelaxedStrains, relax
 from packmech.mechanics.system import System, bordered, system_of
+from packmech.packing import without_springs
 from packmech.scene import Scene
 
 # a relaxation that leaves more than this unbalanced has no solution: a zero mode that carries strain under stress
@@ -471,7 +472,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
 
 
 @shown_as("elastic moduli")
-@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
+@honors("repulsion friction rolling bonds interactions links shapes memory", at_rest=True)
 def elastic_moduli(
     scene: Scene,
     *,
@@ -557,9 +558,15 @@ def elastic_moduli(
     at_limit = _at_limit(contacts_at_limit, scene.packing.dimension)
     bonds = bonds_of(scene.effects)
     rough = acting_friction(scene.effects) is not None
+    if rough and memory_columns(scene.effects):
+        named = next(type(one).__qualname__ for one in scene.effects if remembers(one))
+        raise ValueError(
+            f"scene.effects must not hold both friction and {named} for pm.elastic_moduli, whose rule of which "
+            "contacts bear looks at repulsive forces: leave the friction out with scene.without(pm.Friction)"
+        )
     if not rough:
         # a coefficient of zero holds nothing, and springs of such contacts are slack
-        scene = scene.without(Friction).replace(packing=scene.packing.replace(tangential=None))
+        scene = scene.without(Friction).replace(packing=without_springs(scene.packing))
         # tangential springs of bonds turn discs and spheres, as friction does
         rough = bonds is not None and bonds.tangential_stiffness > 0.0
     with single_thread():
@@ -700,7 +707,7 @@ _CARRIES = 1e-6
 
 
 @shown_as("compliance")
-@honors("repulsion bonds interactions links shapes", at_rest=True, rough="pm.elastic_moduli")
+@honors("repulsion bonds interactions links shapes memory", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,
     *,

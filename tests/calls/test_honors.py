@@ -411,6 +411,31 @@ def test_bonds_that_break_are_refused_where_none_would_and_change_what_honors_th
         assert np.abs(MOVING[name](scene) - MOVING[name](whole)).max() > 1e-9, name
 
 
+def test_what_is_remembered_changes_what_honors_it_and_is_refused_elsewhere():
+    packing = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=-0.002)
+    packing = packing.replace(position_nd=packing.position_nd + 1e-4 * np.cos(np.arange(18.0)).reshape(9, 2))
+    near = pm.find_contacts(packing, gap_tolerance=0.1)
+    ones = np.ones((len(near), 1))
+    held = pm.TangentialDisplacements(near.i_c, near.j_c, near.image_cd, 0.0 * ones, memory_ck=ones)
+    scene = pm.Scene(packing.replace(tangential=held), (pm.JKR(1.0, 0.01),))
+    now = {"energy", "forces", "torques", "stress_tensor", "pressure", "link_tension", "coarse_grain", "hessian"}
+    now |= {"dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states"}
+    now |= {"elastic_moduli", "compliance_matrix"}
+    assert {name for name in CALLS if CALLS[name].answer("memory") == HONORED} == now | {"simulate", "resume"}
+    # a translation takes no energy
+    for call in now - {"link_tension", "torques", "perturbation_energy"}:
+        found = np.asarray(RESTING[call](scene))
+        try:
+            other = np.asarray(RESTING[call](pm.Scene(packing, scene.effects)))
+        except ValueError:
+            # nothing holds what is not bound
+            continue
+        assert found.shape != other.shape or np.abs(found - other).max() > 1e-9, call
+    for name in CALLS:
+        if CALLS[name].answer("interactions") == HONORED and name not in now | {"simulate", "resume", "ShearBatch"}:
+            refuses(name, scene, rf"nothing that pm.{name} would ignore, got JKR at 0")
+
+
 # effects on single particles have no strain of the box
 IN_A_FIXED_BOX = RESTING | {
     "hessian": lambda scene: pm.hessian(scene, "none").toarray(),

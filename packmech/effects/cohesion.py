@@ -1,0 +1,357 @@
+"""Cohesion of discs and spheres: contacts that pull, with and without a memory of having touched.
+
+All are interactions (`packmech.effects.interaction`): they act along the line of centers, beside a `Repulsion` or, as
+`JKR` does, in its place. The effective radius R = r_i r_j / (r_i + r_j) is taken as that of two equal spheres of the
+same contact distance, R = sigma / 4, as laws know contact distances alone: exact for equal spheres; of radii in a ratio
+of 1.4 it is 3 % too large.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from packmech.effects.pair import effect
+from packmech.jit.compiled import device
+
+# x = (a / length)^(1/2) at which a JKR contact breaks where distances are held: d(overlap)/dx = 0, 4 x^3 = 1
+_BREAKS = 0.25 ** (1.0 / 3.0)
+# iterations of Newton's method, which needs four, and more only where the bond is about to break
+_ITERATIONS = 60
+_CONVERGED = 1e-15
+
+
+@effect
+class ShortRangeAttraction(NamedTuple):
+    """A spring that goes on beyond contact to a largest tension, which then falls linearly to zero.
+
+    With s = r/sigma the energy is (energy_scale / 2) (1 - s)^2 - energy_scale width^2 from contact to s = 1 + width,
+    and -(energy_scale / 2) (1 + 2 width - s)^2 from there to 1 + 2 width; it is constant below contact, where the
+    repulsion acts. Beside `Repulsion(Harmonic(energy_scale))` this is the model of Irani, Chaudhuri and Heussinger,
+    Phys. Rev. Lett. 112, 188303 (2014), whose spring is one from deep overlaps to the largest tension
+    energy_scale width / sigma. No contact is ever made or broken by a jump: there is no memory.
+
+    Parameters
+    ----------
+    energy_scale
+        Of the spring; that of the harmonic repulsion makes it one with it [energy].
+    width
+        Stretch of the largest tension over the contact distance, half the range [1].
+
+    Examples
+    --------
+    >>> well = ShortRangeAttraction(width=0.01)
+    >>> [round(well.interaction_first(r, 1.0, 1.0)[0], 12) for r in (0.9, 1.005, 1.01, 1.015)]
+    [0.0, 0.005, 0.01, 0.005]
+
+    """
+
+    energy_scale: float = 1.0
+    width: float = 0.01
+
+    def fault(self) -> str:
+        """Return what is wrong with the numbers; nothing is, where it is empty."""
+        return "" if self.width > 0.0 else f"width must be positive, got {self.width!r}"
+
+    def reach(self, contact_distance: float) -> float:
+        """Return the distance beyond which it is zero [length]."""
+        return (1.0 + 2.0 * self.width) * contact_distance
+
+    def interaction_energy(self, distance: float, contact_distance: float, alignment: float) -> float:
+        """Return the energy [energy]."""
+        stretch = max((distance - contact_distance) / contact_distance, 0.0)
+        if stretch < self.width:
+            return self.energy_scale * (0.5 * stretch * stretch - self.width * self.width)
+        left = 2.0 * self.width - stretch
+        return -0.5 * self.energy_scale * left * left
+
+    def interaction_first(self, distance: float, contact_distance: float, alignment: float) -> tuple[float, float]:
+        """Return the slopes by distance [force] and alignment [energy]."""
+        stretch = max((distance - contact_distance) / contact_distance, 0.0)
+        return self.energy_scale / contact_distance * min(stretch, 2.0 * self.width - stretch), 0.0
+
+    def interaction_second(
+        self, distance: float, contact_distance: float, alignment: float
+    ) -> tuple[float, float, float]:
+        """Return the second derivatives: by distance [force/length], both, alignment."""
+        stretch = (distance - contact_distance) / contact_distance
+        stiffness = self.energy_scale / (contact_distance * contact_distance)
+        return 0.0 if stretch < 0.0 else stiffness if stretch < self.width else -stiffness, 0.0, 0.0
+
+
+@effect
+class DMT(NamedTuple):
+    """The pull F = 2 pi w R of Derjaguin, Muller and Toporov (1975), beside a repulsion: `Repulsion(Hertz(...))`.
+
+    It is constant while particles touch, so that it takes F to part them. Beyond contact it goes on as the van der
+    Waals force of the same strength, A R / (6 (gap + z)^2) with A = 12 pi w z^2, lowered in proportion so that it is F
+    at contact and ends at a gap of `cut` z: forces are continuous, nothing is remembered. LAMMPS (granular, dmt) lets
+    the pull jump to zero at contact; the reversible adhesion of MercuryDPM lets it fall linearly over a range, as
+    `ShortRangeAttraction` does. From contact it takes the work F z c / (c + 2) to part them, c the cut.
+
+    Parameters
+    ----------
+    adhesion
+        w, the work of adhesion per area [energy/length^2].
+    separation
+        z, the range of the van der Waals force [length].
+    cut
+        Largest gap over z [1].
+
+    Examples
+    --------
+    >>> pull = DMT(adhesion=0.01, separation=0.01)
+    >>> round(pull.interaction_first(0.99, 1.0, 1.0)[0] / (2 * math.pi * 0.01 * 0.25), 12)
+    1.0
+
+    """
+
+    adhesion: float = 0.01
+    separation: float = 0.01
+    cut: float = 10.0
+
+    def fault(self) -> str:
+        """Return what is wrong with the numbers; nothing is, where it is empty."""
+        if not self.separation > 0.0:
+            return f"separation must be positive, got {self.separation!r}"
+        return "" if self.cut > 0.0 else f"cut must be positive, got {self.cut!r}"
+
+    def reach(self, contact_distance: float) -> float:
+        """Return the distance beyond which it is zero [length]."""
+        return contact_distance + self.cut * self.separation
+
+    def cap_force(self, distance: float, contact_distance: float) -> float:
+        """Return the normal force under Coulomb's cap beside the repulsion: -F + 2 F [force]."""
+        return 0.5 * math.pi * self.adhesion * contact_distance
+
+    def interaction_energy(self, distance: float, contact_distance: float, alignment: float) -> float:
+        """Return the energy [energy]."""
+        pull = 0.5 * math.pi * self.adhesion * contact_distance
+        last = 1.0 + self.cut
+        lowest = 1.0 / (last * last)
+        gap = (distance - contact_distance) / self.separation
+        at = 1.0 + max(gap, 0.0)
+        beyond = (1.0 / at - 1.0 / last - lowest * (last - at)) / (1.0 - lowest)
+        return pull * self.separation * (min(gap, 0.0) - beyond)
+
+    def interaction_first(self, distance: float, contact_distance: float, alignment: float) -> tuple[float, float]:
+        """Return the slopes by distance [force] and alignment [energy]."""
+        pull = 0.5 * math.pi * self.adhesion * contact_distance
+        lowest = 1.0 / ((1.0 + self.cut) * (1.0 + self.cut))
+        at = 1.0 + max((distance - contact_distance) / self.separation, 0.0)
+        return pull * (1.0 / (at * at) - lowest) / (1.0 - lowest), 0.0
+
+    def interaction_second(
+        self, distance: float, contact_distance: float, alignment: float
+    ) -> tuple[float, float, float]:
+        """Return the second derivatives: by distance [force/length], both, alignment."""
+        if distance < contact_distance:
+            return 0.0, 0.0, 0.0
+        pull = 0.5 * math.pi * self.adhesion * contact_distance
+        lowest = 1.0 / ((1.0 + self.cut) * (1.0 + self.cut))
+        at = 1.0 + (distance - contact_distance) / self.separation
+        return -2.0 * pull / (self.separation * at * at * at * (1.0 - lowest)), 0.0, 0.0
+
+
+@device
+def jkr_root(overlap: float) -> float:
+    """Return the larger root x of x^4 - x = overlap, in units in which a contact of radius x^2 has this overlap.
+
+    Newton's method from the left of the root comes from the right after one step and falls towards it.
+    """
+    x = max(math.sqrt(math.sqrt(max(overlap + 1.0, 0.0))), 1.01 * _BREAKS)
+    for _ in range(_ITERATIONS):
+        cube = x * x * x
+        change = (x * cube - x - overlap) / (4.0 * cube - 1.0)
+        x = max(x - change, _BREAKS)
+        if abs(change) < _CONVERGED * x or x == _BREAKS:
+            break
+    return x
+
+
+@device
+def jkr_contact(
+    modulus: float, adhesion: float, distance: float, contact_distance: float
+) -> tuple[float, float, float]:
+    """Return x of a contact, its effective radius, and the square of the length that contact radii are x^2 of."""
+    radius = 0.25 * contact_distance
+    square = math.pow(2.0 * math.pi * adhesion * radius * radius / modulus, 2.0 / 3.0)
+    return jkr_root((contact_distance - distance) * radius / square), radius, square
+
+
+@effect
+class JKR(NamedTuple):
+    """Contacts of soft adhesive spheres: Johnson, Kendall and Roberts, Proc. R. Soc. A 324, 301 (1971).
+
+    In place of a repulsion, which it contains: with no adhesion it were Hertz's. A circle of radius a joins the two,
+
+        overlap = a^2/R - sqrt(2 pi w a/E),     F = 4 E a^3/(3 R) - sqrt(8 pi w E a^3),
+
+    with the stable a, the larger one. Particles that touch are bound, and stay so up to a negative overlap of
+    (3/4) (pi^2 w^2 R/E^2)^(1/3), where the bond breaks; whether a pair is bound is remembered (one number, 1 or 0).
+    A bond is strongest before, at F = -(3/2) pi w R. As it forms the force jumps; what making and breaking of a bond
+    takes, 7.09 (w^5 R^4/E^2)^(1/3), is lost (Thornton and Ning, Powder Technol. 99 (1998) 154).
+
+    Parameters
+    ----------
+    modulus
+        E, that of the contact: 1/E = (1 - nu_i^2)/E_i + (1 - nu_j^2)/E_j [energy/length^3].
+    adhesion
+        w, the work of adhesion per area [energy/length^2].
+
+    Examples
+    --------
+    >>> contact = JKR(modulus=1.0, adhesion=0.01)
+    >>> at_touch = contact.interaction_first(1.0, 1.0, 1.0, (1.0,))[0]
+    >>> round(at_touch / (1.5 * math.pi * 0.01 * 0.25), 6)  # 8/9 of the pull-off force
+    0.888889
+
+    """
+
+    modulus: float = 1.0
+    adhesion: float = 0.01
+
+    memory = 1  # type: ignore[misc]
+    force_jumps = True  # type: ignore[misc]
+
+    def fault(self) -> str:
+        """Return what is wrong with the numbers; nothing is, where it is empty."""
+        if not self.modulus > 0.0:
+            return f"modulus must be positive, got {self.modulus!r}"
+        return "" if self.adhesion > 0.0 else f"adhesion must be positive, got {self.adhesion!r}"
+
+    def reach(self, contact_distance: float) -> float:
+        """Return the distance at which bonds break [length]."""
+        radius = 0.25 * contact_distance
+        ratio = math.pi * self.adhesion / self.modulus
+        return contact_distance + 0.75 * math.pow(ratio * ratio * radius, 1.0 / 3.0)
+
+    def remember(self, distance: float, contact_distance: float, memory: tuple[float]) -> tuple[float]:
+        """Return whether the pair is bound, 1 or 0."""
+        return (1.0 if distance < contact_distance else memory[0],)
+
+    def cap_force(self, distance: float, contact_distance: float) -> float:
+        """Return the normal force under Coulomb's cap: F and twice the pull-off force [force]."""
+        x, radius, _ = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        x3 = x * x * x
+        return math.pi * self.adhesion * radius * (3.0 - 8.0 / 3.0 * x3 * (1.5 - x3))
+
+    def interaction_energy(
+        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+    ) -> float:
+        """Return the energy, 0 of spheres apart [energy]."""
+        if memory[0] == 0.0:
+            return 0.0
+        x, radius, square = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        x3 = x * x * x
+        return 8.0 / 3.0 * math.pi * self.adhesion * square * x * x3 * (0.4 * x3 * x3 - x3 + 0.375)
+
+    def interaction_first(
+        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+    ) -> tuple[float, float]:
+        """Return the slopes by distance [force] and alignment [energy]."""
+        if memory[0] == 0.0:
+            return 0.0, 0.0
+        x, radius, square = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        x3 = x * x * x
+        return 8.0 / 3.0 * math.pi * self.adhesion * radius * x3 * (1.5 - x3), 0.0
+
+    def interaction_second(
+        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+    ) -> tuple[float, float, float]:
+        """Return the second derivatives: by distance [force/length], both, alignment."""
+        if memory[0] == 0.0:
+            return 0.0, 0.0, 0.0
+        x, radius, square = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        steep = x * x * (6.0 * x * x * x - 4.5) / max(4.0 * x * x * x - 1.0, 1e-300)
+        return 8.0 / 3.0 * math.pi * self.adhesion * radius * radius / square * steep, 0.0, 0.0
+
+
+@effect
+class CapillaryBridge(NamedTuple):
+    """A bridge of liquid between touching spheres, beside a repulsion, that ruptures as they part.
+
+    F = 2 pi r g cos(theta) (1 - h/sqrt(h^2 + 2 V/(pi r))) at a gap h of two spheres of radius r, and its value at
+    h = 0 where they touch: Rabinovich, Esayanur and Moudgil, Langmuir 21, 10992 (2005), equations 19 and 20, in closed
+    form. It forms as they touch, and ruptures at a gap of (1 + theta/2) V^(1/3) (Lian, Thornton and Adams, J. Colloid
+    Interface Sci. 161, 138 (1993)), where the force jumps to zero; whether there is one is remembered. Each bridge has
+    the same volume.
+
+    Parameters
+    ----------
+    volume
+        V, of the liquid of each bridge [length^3].
+    surface_tension
+        g [energy/length^2].
+    contact_angle
+        theta, from 0 to pi/2 [rad].
+
+    Examples
+    --------
+    >>> wet = CapillaryBridge(volume=1e-3, surface_tension=0.01)
+    >>> round(wet.reach(1.0), 12), round(wet.interaction_first(0.99, 1.0, 1.0, (1.0,))[0] / math.pi, 12)
+    (1.1, 0.01)
+
+    """
+
+    volume: float = 1e-4
+    surface_tension: float = 0.01
+    contact_angle: float = 0.0
+
+    memory = 1  # type: ignore[misc]
+    force_jumps = True  # type: ignore[misc]
+
+    def fault(self) -> str:
+        """Return what is wrong with the numbers; nothing is, where it is empty."""
+        if not self.volume > 0.0:
+            return f"volume must be positive, got {self.volume!r}"
+        right = self.contact_angle < 0.5 * math.pi
+        return "" if right else f"contact_angle must be below pi/2, got {self.contact_angle!r}"
+
+    def reach(self, contact_distance: float) -> float:
+        """Return the distance at which bridges rupture [length]."""
+        return contact_distance + (1.0 + 0.5 * self.contact_angle) * math.pow(self.volume, 1.0 / 3.0)
+
+    def remember(self, distance: float, contact_distance: float, memory: tuple[float]) -> tuple[float]:
+        """Return whether there is a bridge, 1 or 0."""
+        return (1.0 if distance < contact_distance else memory[0],)
+
+    def cap_force(self, distance: float, contact_distance: float) -> float:
+        """Return the normal force under Coulomb's cap beside the repulsion: -F + 2 F [force]."""
+        return math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
+
+    def interaction_energy(
+        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+    ) -> float:
+        """Return the energy, so that it is 0 at the rupture [energy]."""
+        if memory[0] == 0.0:
+            return 0.0
+        pull = math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
+        square = 4.0 * self.volume / (math.pi * contact_distance)
+        last = (1.0 + 0.5 * self.contact_angle) * math.pow(self.volume, 1.0 / 3.0)
+        gap = distance - contact_distance
+        at = max(gap, 0.0)
+        return pull * (gap - math.sqrt(at * at + square) - last + math.sqrt(last * last + square))
+
+    def interaction_first(
+        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+    ) -> tuple[float, float]:
+        """Return the slopes by distance [force] and alignment [energy]."""
+        if memory[0] == 0.0:
+            return 0.0, 0.0
+        pull = math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
+        square = 4.0 * self.volume / (math.pi * contact_distance)
+        gap = max(distance - contact_distance, 0.0)
+        return pull * (1.0 - gap / math.sqrt(gap * gap + square)), 0.0
+
+    def interaction_second(
+        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+    ) -> tuple[float, float, float]:
+        """Return the second derivatives: by distance [force/length], both, alignment."""
+        if memory[0] == 0.0 or distance < contact_distance:
+            return 0.0, 0.0, 0.0
+        pull = math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
+        square = 4.0 * self.volume / (math.pi * contact_distance)
+        gap = distance - contact_distance
+        size = gap * gap + square
+        return -pull * square / (size * math.sqrt(size)), 0.0, 0.0
