@@ -262,8 +262,7 @@ def quasistatic_shear(
     smallest_drop
         Energy drop down to which avalanches are to be found, whatever the step [energy_scale]: a step is halved where
         more than half of that is missing of the work that was done, by cubics through stress and modulus. None: a step
-        may pass over falls that move particles no farther than linear response moves them, a fifth of all with steps
-        of 1e-3.
+        may pass over falls that move particles no farther than linear response moves them.
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
     time_limit
