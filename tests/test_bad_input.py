@@ -192,6 +192,7 @@ BAD = {
     "relative_overlap": [NAN, 1.0, 2.0, "0", None],
     "diameter": POSITIVE,
     "ratio": [NAN, INF, 1.0, -1.0, "1.4", None],
+    "DampingRatio.ratio": [NAN, INF, -1.0, "1", None],
     "fraction": [NAN, 0.0, 1.0, "half", "1:0", "1:2:3", None],
     "scatter": [NAN, -0.1, 0.31, "0", None],
     "spread": [NAN, INF, 0.0, -1.0, "0", None],
@@ -981,6 +982,10 @@ def call(name, arguments):
         # twisting is for spheres
         space = isinstance(made, pm.TwistingResistance)
         pm.Scene(pm.lattice_packing("fcc") if space else touching(), (pm.Repulsion(), made))
+    if isinstance(made, pm.Mindlin):
+        pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, made)))
+    if isinstance(made, pm.DampingRatio):
+        pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, 1.0, made)))
     if is_law(made):
         pm.Scene(touching(), (pm.Repulsion(law=made),))
     if name in MINIMIZERS:

@@ -27,7 +27,16 @@ from packmech.effects.bonds import (
     refuse_tangential_springs,
 )
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
-from packmech.effects.friction import Friction, acting_friction, friction_of, friction_or_zero
+from packmech.effects.friction import (
+    DampingRatio,
+    Friction,
+    Mindlin,
+    acting_friction,
+    at_contact,
+    friction_of,
+    friction_or_zero,
+    mindlin_stiffness,
+)
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
 from packmech.effects.held import FixedParticles, held_particles
 from packmech.effects.interaction import (
@@ -111,6 +120,7 @@ __all__ = [
     "Bonds",
     "ContactDamping",
     "ContactTerms",
+    "DampingRatio",
     "DivergentRepulsion",
     "ExponentialTension",
     "FixedParticles",
@@ -120,6 +130,7 @@ __all__ = [
     "Hertz",
     "Law",
     "LinearSpring",
+    "Mindlin",
     "PlateauRepulsion",
     "PowerLaw",
     "Repulsion",
@@ -137,6 +148,7 @@ __all__ = [
     "Walls",
     "acting_friction",
     "acts_on_single",
+    "at_contact",
     "body_energy",
     "body_force",
     "body_second",
@@ -157,6 +169,7 @@ __all__ = [
     "is_law",
     "law",
     "law_energy",
+    "mindlin_stiffness",
     "law_first",
     "law_of",
     "law_scale",

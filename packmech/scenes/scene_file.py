@@ -63,7 +63,7 @@ import tomli_w
 
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
-from packmech.effects import Bonds, damps, law_of, registered_effects, registered_laws
+from packmech.effects import Bonds, DampingRatio, Mindlin, damps, law_of, registered_effects, registered_laws
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
     Errors,
@@ -308,10 +308,11 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         entries = []
     laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
     acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
-    dashpots = OpenKinds(kinds_of(one for one in registered_effects() if damps(one)), "pm.effect")
+    dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
     nested: dict[str, Kinds] = {
         **dict.fromkeys(("law", "compression", "tension"), laws),
         "damping": dashpots,
+        "stiffness": kinds_of((Mindlin,)),
         **LIMITS,
     }
     # each effect beside its place; bonds are made once the packing is there
