@@ -67,6 +67,7 @@ from packmech.effects import Repulsion as Repulsion
 from packmech.effects import Friction as Friction
 from packmech.effects import Mindlin as Mindlin
 from packmech.effects import DampingRatio as DampingRatio
+from packmech.effects.materials import Material as Material
 from packmech.effects import RollingResistance as RollingResistance
 from packmech.effects import TwistingResistance as TwistingResistance
 from packmech.effects import ContactDamping as ContactDamping

@@ -265,6 +265,10 @@ BAD = {
         for name in ("friction_coefficient", "relative_viscosity", "tangential_ratio")
     },
     "poisson_ratio": [NAN, -0.1, 0.6, "1", None],
+    "Material.young_modulus": POSITIVE,
+    "Material.density": POSITIVE,
+    "Material.friction": NOT_NEGATIVE,
+    "Material.restitution": [NAN, 0.0, -1.0, 1.1, "1", None],
     "size_ratio": [NAN, 0.9, "1", None],
     "period_decay": [NAN, 0.0, -1.0, 1.1, "1", None],
     "largest_oscillation": [NAN, INF, 0.0, -1.0, "1"],
@@ -903,6 +907,7 @@ def good(name, folder):
         "compress": {"scene": scene(), "distances": [1e-3]},
         "small_value_exponent": {"values": [[0.1, 0.2], [0.3]], "largest": 1.0},
         "coefficient_of_restitution": {"effects": (pm.Repulsion(), pm.Restitution(0.5)), "speed": 0.01},
+        "Material": {"young_modulus": 1.0},
         "viscoelastic_time": {"law": pm.Hertz(), "restitution": 0.8, "speed": 0.01},
         "TangentialDisplacements": {"i_c": [0], "j_c": [1], "image_cd": [[0, 0]], "displacement_ck": [[0.1]]},
         "sweep_pressure": {
