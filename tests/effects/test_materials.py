@@ -28,7 +28,7 @@ def test_spheres_repel_and_slide_as_hertz_and_mindlin_have_it(radius):
 def test_discs_are_cylinders_of_any_size_and_collisions_leave_what_the_material_says():
     packing = pm.random_packing(16, dimension=2, packing_fraction=0.9, seed=1)
     repulsion, dashpot, friction = GLASS.effects(packing)
-    assert repulsion.law == pm.LinearSpring(pm.contact_stiffness(7.0, poisson_ratio=0.22))
+    assert repulsion.law == pm.LinearSpring(math.pi * 7.0 / (8.0 * (1.0 - 0.22**2)))
     assert pm.coefficient_of_restitution((repulsion, dashpot), 1e-3, radii=(0.3, 2.0)) == pytest.approx(0.9, rel=1e-6)
     assert friction == pm.Friction(0.4, pm.Mindlin(0.22), pm.DampingRatio(1.0))
     assert pm.Material(7.0, 0.22).effects(packing) == (repulsion,)
@@ -38,7 +38,7 @@ def test_what_hertz_contacts_of_one_number_cannot_be_is_refused_by_name():
     mixed = pm.Packing([[0.0] * 3, [2.0] * 3], [0.5, 0.6], pm.Box.cubic(5.0, 3))
     with pytest.raises(ValueError, match=r"spheres of one size.*got radii 0.5 and 0.6 of particles 0 and 1"):
         GLASS.effects(mixed)
-    flat = pm.random_packing(8, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(1.5))
+    flat = pm.random_packing(8, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(1.5), seed=1)
     with pytest.raises(ValueError, match="packing must be of discs or spheres"):
         GLASS.effects(flat)
 
