@@ -65,6 +65,9 @@ from packmech.scenes.scene_file import list_scenes as list_scenes
 from packmech.scenes import run as run
 from packmech.effects import Repulsion as Repulsion
 from packmech.effects import Friction as Friction
+from packmech.effects import Mindlin as Mindlin
+from packmech.effects import DampingRatio as DampingRatio
+from packmech.effects.materials import Material as Material
 from packmech.effects import RollingResistance as RollingResistance
 from packmech.effects import TwistingResistance as TwistingResistance
 from packmech.effects import ShortRangeAttraction as ShortRangeAttraction

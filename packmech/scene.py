@@ -16,7 +16,9 @@ from packmech.check import BoxStrain, instance, integer, one_of, positive, real,
 from packmech.effects import (
     SIGNED,
     Bonds,
+    DampingRatio,
     Friction,
+    Mindlin,
     Repulsion,
     RollingResistance,
     TwistingResistance,
@@ -603,6 +605,8 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
             _check_numbers(f"{where}.{name}", value, slack=slack)
         elif name == "law":
             raise TypeError(f"{where}.law must be a law such as Harmonic(...), got {value!r}")
+        elif isinstance(record, Friction) and isinstance(value, Mindlin if name == "stiffness" else DampingRatio):
+            _check_numbers(f"{where}.{name}", value)
         elif name == "damping" and is_effect(value):
             if not damps(value) or hasattr(value, "pair_energy"):
                 raise TypeError(f"{where}.damping must be a number or a dashpot such as Restitution(), got {value!r}")
@@ -618,7 +622,8 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
     fault = record.fault() if hasattr(record, "fault") else ""
     if fault:
         raise ValueError(f"{where}.{fault}")
-    _check_derivatives(record)
+    if is_law(record) or is_effect(record):
+        _check_derivatives(record)
 
 
 @functools.lru_cache(maxsize=256)

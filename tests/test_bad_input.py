@@ -192,6 +192,7 @@ BAD = {
     "relative_overlap": [NAN, 1.0, 2.0, "0", None],
     "diameter": POSITIVE,
     "ratio": [NAN, INF, 1.0, -1.0, "1.4", None],
+    "DampingRatio.ratio": [NAN, INF, -1.0, "1", None],
     "fraction": [NAN, 0.0, 1.0, "half", "1:0", "1:2:3", None],
     "scatter": [NAN, -0.1, 0.31, "0", None],
     "spread": [NAN, INF, 0.0, -1.0, "0", None],
@@ -266,6 +267,10 @@ BAD = {
         for name in ("friction_coefficient", "relative_viscosity", "tangential_ratio")
     },
     "poisson_ratio": [NAN, -0.1, 0.6, "1", None],
+    "Material.young_modulus": POSITIVE,
+    "Material.density": POSITIVE,
+    "Material.friction": NOT_NEGATIVE,
+    "Material.restitution": [NAN, 0.0, -1.0, 1.1, "1", None],
     "size_ratio": [NAN, 0.9, "1", None],
     "period_decay": [NAN, 0.0, -1.0, 1.1, "1", None],
     "largest_oscillation": [NAN, INF, 0.0, -1.0, "1"],
@@ -910,6 +915,7 @@ def good(name, folder):
         "compress": {"scene": scene(), "distances": [1e-3]},
         "small_value_exponent": {"values": [[0.1, 0.2], [0.3]], "largest": 1.0},
         "coefficient_of_restitution": {"effects": (pm.Repulsion(), pm.Restitution(0.5)), "speed": 0.01},
+        "Material": {"young_modulus": 1.0},
         "viscoelastic_time": {"law": pm.Hertz(), "restitution": 0.8, "speed": 0.01},
         "TangentialDisplacements": {"i_c": [0], "j_c": [1], "image_cd": [[0, 0]], "displacement_ck": [[0.1]]},
         "sweep_pressure": {
@@ -989,6 +995,10 @@ def call(name, arguments):
         # twisting is for spheres
         space = isinstance(made, pm.TwistingResistance)
         pm.Scene(pm.lattice_packing("fcc") if space else touching(), (pm.Repulsion(), made))
+    if isinstance(made, pm.Mindlin):
+        pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, made)))
+    if isinstance(made, pm.DampingRatio):
+        pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, 1.0, made)))
     if is_law(made):
         pm.Scene(touching(), (pm.Repulsion(law=made),))
     if name in MINIMIZERS:

@@ -31,7 +31,7 @@ def tangential_elements(
     first_c: NDArray[np.float64],
     second_c: NDArray[np.float64],
     tangential_cd: NDArray[np.float64],
-    stiffness: float,
+    stiffness: float | NDArray[np.float64],
     coefficient: float = 0.0,
     sliding_c: NDArray[np.bool_] | None = None,
     kind: Kind = "exact",
@@ -53,7 +53,7 @@ def tangential_elements(
     tangential_cd
         (C, d) tangential forces on particle i [force].
     stiffness
-        Of the tangential springs [force/length].
+        Of the tangential springs, a number or (C,) [force/length].
     coefficient
         Coulomb's, where contacts slide [1].
     sliding_c
@@ -89,7 +89,8 @@ def tangential_elements(
     bent = np.einsum("ca,cax->cx", n, _with_rotations(pairs.curvature_cxx[:, :d], t, axes=1))
     normal = (second_c * pairs.push_c)[:, None] * slope + push[:, None] * bent
     limit = coefficient * np.sign(first_c)[:, None] * normal
-    change = stiffness * (slip - along[:, :, None] * np.einsum("ca,cax->cx", along, slip)[:, None])
+    spring = np.broadcast_to(stiffness, len(n))[:, None]
+    change = spring[:, None] * (slip - along[:, :, None] * np.einsum("ca,cax->cx", along, slip)[:, None])
     change += along[:, :, None] * limit[:, None] - n[:, :, None] * np.einsum("ca,cax->cx", pull, turning)[:, None]
     if d == 3:
         # the contact turns about its normal at the mean of both rotations
@@ -106,7 +107,7 @@ def tangential_elements(
             # curvatures are by rotation vectors, whose torques turn by half the rotation
             whole[:, own, own] += 0.5 * turned_arms(push[:, None] * slope[:, own])
     slopes = push[:, None] * slope + np.einsum("ca,cax->cx", pull, carry)
-    beyond = stiffness * np.einsum("ca,cax->cx", ahead, slip) - limit
+    beyond = spring * np.einsum("ca,cax->cx", ahead, slip) - limit
     return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, slopes, whole, symmetric=False), beyond
 
 

@@ -29,11 +29,14 @@ from packmech.dynamics.friction import (
     Turning,
     add_force,
     add_reaction,
+    energy_of_springs,
+    follow_stiffness,
     reduced_arm,
     relax,
     resist_rolling,
     resist_twisting,
     rolling_slip,
+    sliding_columns,
     spring_columns,
     tangential_force,
     torque_of,
@@ -44,11 +47,15 @@ from packmech.dynamics.friction import (
 )
 from packmech.dynamics.stretches import inner_stretches
 from packmech.effects import (
+    DampingRatio,
+    Friction,
+    Mindlin,
     RoughContacts,
     TouchingPair,
     cap_force,
     damps,
     is_interaction,
+    mindlin_stiffness,
     pair_damping,
     pair_energy,
     pair_first,
@@ -60,6 +67,8 @@ from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, inlined
 from packmech.minimize.passes.pair_list import NO_SLOT, Pair, is_near, visit, walk_pairs
 
+# what stands for no stiffness where a spring is divided by it
+_NO_STIFFNESS = 1e-200
 # what `Pull` says of a tangential spring where there is none
 _NO_SPRING = Across(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -110,6 +119,62 @@ def energy_of(effects, touch):
 
 
 @inlined
+def _number(number, *others):
+    return number
+
+
+@inlined
+def _stiffness_of(mindlin, laws, touch):
+    _, second = _law_of_touch(laws.effects, touch)
+    steep = steepness(laws.shapes, touch)
+    # of a law without stiffness there is no spring, and no division by it
+    return max(mindlin_stiffness(mindlin, second * steep * steep), _NO_STIFFNESS)
+
+
+@inlined
+def _dashpot_of(damping, laws, pair, touch, u):
+    elastic = 0.0
+    for one in literal_unroll(laws.effects):
+        elastic += pair_first(one, touch.rho, touch.sigma)
+    _, coefficient = rate_and_dashpot(laws.effects, laws, pair, touch, u, elastic)
+    return damping.ratio * coefficient
+
+
+_stiffness_here = by_type(_number, {Mindlin: _stiffness_of})
+_dashpot_here = by_type(_number, {DampingRatio: _dashpot_of})
+
+
+@inlined
+def friction_here(friction, laws, pair, touch, u):
+    """Return the friction with the numbers that it has at a contact."""
+    stiffness = _stiffness_here(friction.stiffness, laws, touch)
+    return Friction(friction.coefficient, stiffness, _dashpot_here(friction.damping, laws, pair, touch, u))
+
+
+@inlined
+def _energy_without(friction, laws, touch, pull):
+    return 0.0
+
+
+@inlined
+def _energy_here(friction, laws, touch, pull):
+    return energy_of_springs(
+        Friction(friction.coefficient, _stiffness_here(friction.stiffness, laws, touch), 0.0), pull
+    )
+
+
+@inlined
+def _energy_of_rough(rough, laws, touch, pull):
+    k = _stiffness_here(rough.friction.stiffness, laws, touch)
+    here = Friction(rough.friction.coefficient, k, 0.0)
+    return energy_of_springs(RoughContacts(here, rough.rolling, rough.twisting), pull)
+
+
+# the energy of the springs of a touch, from what its pull says of them; 0 without friction
+energy_across = by_type(_energy_here, {type(None): _energy_without, RoughContacts: _energy_of_rough})
+
+
+@inlined
 def _no_friction(friction, laws, pair, k, touch, u, normal):
     nothing = 0.0, 0.0, 0.0
     return _NO_SPRING, None, nothing, nothing
@@ -119,7 +184,9 @@ def _no_friction(friction, laws, pair, k, touch, u, normal):
 def _friction_of_touch(friction, laws, pair, k, touch, u, normal):
     slip = slip_at_touch(laws.shapes, laws.axes, laws.body, pair, k, touch, u)
     spring = spring_of(laws, pair, k)
-    across = tangential_force(friction, laws.axes, spring, slip, normal, laws.pace)
+    here = friction_here(friction, laws, pair, touch, u)
+    follow_stiffness(friction.stiffness, laws.axes, spring, here.stiffness, laws.pace)
+    across = tangential_force(here, laws.axes, spring, slip, normal, laws.pace)
     return across, None, torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
 
 
@@ -128,11 +195,13 @@ def _roughness_of_touch(rough, laws, pair, k, touch, u, normal):
     axes, i, j = laws.axes, pair.i, pair.j
     slip = slip_at_touch(laws.shapes, axes, laws.body, pair, k, touch, u)
     spring = spring_of(laws, pair, k)
-    across = tangential_force(rough.friction, axes, spring, slip, normal, laws.pace)
+    here = friction_here(rough.friction, laws, pair, touch, u)
+    follow_stiffness(rough.friction.stiffness, axes, spring, here.stiffness, laws.pace)
+    across = tangential_force(here, axes, spring, slip, normal, laws.pace)
     on_i, on_j = torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
     # its columns come after those of friction, then that of twisting
     stretch, p, column = spring
-    column += len(turning_axes(rough.friction, axes))
+    column += len(sliding_columns(rough.friction, axes))
     arm = reduced_arm(slip)
     roll, twist = rolling_slip(axes, laws.body, i, j, slip), twisting_slip(axes, laws.body, i, j, slip)
     rolling = resist_rolling(rough.rolling, axes, Spring(stretch, p, column), roll, normal, laws.pace)
@@ -156,7 +225,8 @@ def resistance_at(effects: Any, laws: Any, pair: Any, touch: Any, u: Any, elasti
 
 
 @inlined
-def _resistance_at(effects, laws, pair, touch, u, elastic):
+def rate_and_dashpot(effects, laws, pair, touch, u, elastic):
+    """Return the rate of the distance of a touch, and the coefficient of its dashpots."""
     rate = rate_of_touch(laws.shapes, laws.axes, laws.body, pair, touch, u)
     mass = inertia_against(laws.shapes, laws.axes, laws.weight_nk, pair, touch)
     energy, second = _law_of_touch(effects, touch)
@@ -164,6 +234,12 @@ def _resistance_at(effects, laws, pair, touch, u, elastic):
     coefficient = 0.0
     for one in literal_unroll(effects):
         coefficient += pair_damping(one, known)
+    return rate, coefficient
+
+
+@inlined
+def _resistance_at(effects, laws, pair, touch, u, elastic):
+    rate, coefficient = rate_and_dashpot(effects, laws, pair, touch, u, elastic)
     return coefficient * rate
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from packmech.dynamics.by_shape import touch_of_rows, touches_of
 from packmech.dynamics.contact_forces import laws_of, pull_of_touch, spring_of
-from packmech.dynamics.friction import turning_axes
+from packmech.dynamics.friction import sliding_columns, turning_axes
 from packmech.effects import RoughContacts, memory_columns
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, lean
@@ -75,7 +75,7 @@ def _write_no_stretch(friction, axes, stretch_pk, p, k, pull):
 @inlined
 def _write_rough(rough, axes, stretch_pk, p, k, pull):
     _write_stretch(axes, stretch_pk, p, k, pull.across)
-    k += len(turning_axes(rough.friction, axes))
+    k += len(sliding_columns(rough.friction, axes))
     _write_turning(pull.turning.rolling, axes, stretch_pk, p, k)
     _write_turning(pull.turning.twisting, (0, 1), stretch_pk, p, k + len(turning_axes(rough.rolling, axes)))
 

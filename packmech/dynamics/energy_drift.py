@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from packmech.dynamics import observables as columns
 from packmech.dynamics.deformation import Strain
-from packmech.effects import BackgroundDamping, held_velocity, langevin_of, law_scale, resistances, roughness_of
+from packmech.dynamics.friction import frictions_at_contacts
+from packmech.effects import (
+    BackgroundDamping,
+    Friction,
+    held_velocity,
+    langevin_of,
+    law_scale,
+    resistances,
+    roughness_of,
+)
 from packmech.scene import Scene
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
@@ -76,8 +85,12 @@ def largest_held(scene: Scene) -> float:
     mu^2 / (2 k) times 9, as normal forces are not all the same [length/force]; 0 without friction. So those against
     rolling and twisting.
     """
-    acting = [one for one in resistances(roughness_of(scene.effects)) if one.stiffness > 0.0]
-    return sum((_BROAD * one.coefficient**2 / (2.0 * one.stiffness) for one in acting), 0.0)
+    held, lightest = 0.0, float(scene.packing.mass_n.min())
+    for one in resistances(roughness_of(scene.effects)):
+        there = frictions_at_contacts(scene, one, lightest) if isinstance(one, Friction) else [one]
+        softest = min(each.stiffness for each in there)
+        held += _BROAD * one.coefficient**2 / (2.0 * softest) if softest > 0.0 else 0.0
+    return held
 
 
 def pace_of_held(scene: Scene) -> float:

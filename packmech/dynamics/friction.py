@@ -18,8 +18,19 @@ from typing import Any, NamedTuple
 
 from numba import types
 
-from packmech.effects import RoughContacts, bonds_of, friction_or_zero, resistances, roughness_of
-from packmech.effects.pair import hook_of
+from packmech.effects import (
+    Friction,
+    Mindlin,
+    RoughContacts,
+    at_contact,
+    bonds_of,
+    friction_or_zero,
+    is_bound,
+    pair_damping,
+    resistances,
+    roughness_of,
+)
+from packmech.effects.pair import at_overlap, hook_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -195,6 +206,38 @@ def _keep_nothing(axes, spring, x, y, z, slip, now):
     return None
 
 
+@inlined
+def _follow_stiffness(axes, spring, stiffness, pace):
+    stretch, p, k = spring
+    numbers = 1 if len(axes) == 2 else 3
+    before = stretch[p, k + numbers]
+    # as the normal force grows the tangential one stays, as it falls the stretch does
+    share = before / stiffness if 0.0 < before < stiffness else 1.0
+    for a in range(numbers):
+        stretch[p, k + a] *= share
+    stretch[p, k + numbers] = stiffness
+
+
+@inlined
+def _follow_nothing(axes, spring, stiffness, now):
+    return None
+
+
+_followed = by_pace(_follow_stiffness, _follow_nothing)
+
+
+@inlined
+def _same_stiffness(kind, axes, spring, stiffness, pace):
+    return None
+
+
+@inlined
+def _other_stiffness(kind, axes, spring, stiffness, pace):
+    _followed(axes, spring, stiffness, pace)
+
+
+# change the stretch of a spring for its present stiffness, which may depend on the contact
+follow_stiffness = by_type(_same_stiffness, {Mindlin: _other_stiffness})
 # the stretch that the force at this time is made of, and what is kept of it for the next one
 stretch_of_force = by_pace(_advanced, _put_back)
 keep_stretch = by_pace(_keep, _keep_nothing)
@@ -299,6 +342,8 @@ def _add_torque(axes, spins, push, i, torque):
         push[i, 5] += torque[2]
 
 
+# overlaps at which contacts are looked up, barely and deep [1]
+_OVERLAPS = (1e-9, 0.1)
 # a little more than 1/3: oscillations up to omega dt = 1/3 then fall, by less than (omega dt)^4 / 100 a step
 _SHARE = 0.35
 # (omega dt)^2 of the fastest springs, over stiffness dt^2 / mass: with 6 neighbors, or 12 in space
@@ -312,6 +357,22 @@ def stiffening(packing: Packing) -> tuple[float, float]:
     is their own `stiffening`.
     """
     return packing.shapes.stiffening(packing.radius_n)
+
+
+def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float) -> list[Any]:
+    """Return a friction as it is at contacts of the smallest and of the largest particles, barely and deep.
+
+    The same for all where its stiffness and dashpot are numbers.
+    """
+    if all(isinstance(one, float) for one in friction):
+        return [friction]
+    size_n = scene.packing.shapes.site_radius(scene.packing.radius_n)
+    pairs, found = [one for one in scene.effects if not is_bound(one)], []
+    for sigma in (2.0 * float(size_n.min()), 2.0 * float(size_n.max())):
+        for overlap in _OVERLAPS:
+            touch = at_overlap(pairs, overlap, sigma, 0.5 * smallest_mass)
+            found.append(at_contact(friction, touch.second, sum(pair_damping(one, touch) for one in pairs)))
+    return found
 
 
 def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
@@ -329,7 +390,7 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
 
     """
     friction, bonds = friction_or_zero(scene.effects), bonds_of(scene.effects)
-    springs = [(friction.stiffness, friction.damping)]
+    springs = [(one.stiffness, one.damping) for one in frictions_at_contacts(scene, friction, smallest_mass)]
     springs += [(one.stiffness, one.damping) for one in resistances(roughness_of(scene.effects))[1:]]
     if bonds is not None:
         springs.append((bonds.tangential_stiffness, bonds.tangential_damping))
@@ -417,20 +478,36 @@ def tangential_force(friction, axes, spring, slip, normal, pace):
     return _friction_in_space(friction, axes, spring, slip, normal, pace)
 
 
+def sliding_columns(friction: Any, axes: Any) -> Any:
+    """Return a tuple as long as what friction keeps of one touch: a stretch, and of `Mindlin` its stiffness."""
+    if friction is None or not isinstance(friction.stiffness, Mindlin):
+        return turning_axes(friction, axes)
+    return tuple(range(len(turning_axes(friction, axes)) + 1))
+
+
+@compiled_form(sliding_columns)
+def _choose_sliding_columns(friction: Any, axes: Any) -> Any:
+    if isinstance(friction, types.NoneType) or getattr(friction.types[1], "instance_class", None) is not Mindlin:
+        return lambda friction, axes: turning_axes(friction, axes)
+    columns = tuple(range(4 if len(axes) == 3 else 2))
+    return lambda friction, axes: columns
+
+
 def spring_columns(friction: Any, axes: Any) -> Any:
     """Return a tuple as long as a row of stretches of one touch is: sliding, rolling, then twisting; empty without."""
     if not isinstance(friction, RoughContacts):
-        return turning_axes(friction, axes)
-    numbers = len(turning_axes(friction, axes))
-    return tuple(range(numbers * (1 + (friction.rolling is not None)) + (friction.twisting is not None)))
+        return sliding_columns(friction, axes)
+    sliding, numbers = len(sliding_columns(friction.friction, axes)), len(turning_axes(friction, axes))
+    return tuple(range(sliding + numbers * (friction.rolling is not None) + (friction.twisting is not None)))
 
 
 @compiled_form(spring_columns)
 def _choose_spring_columns(friction: Any, axes: Any) -> Any:
     if getattr(friction, "instance_class", None) is not RoughContacts:
-        return lambda friction, axes: turning_axes(friction, axes)
+        return lambda friction, axes: sliding_columns(friction, axes)
+    kept = getattr(friction.types[0].types[1], "instance_class", None) is Mindlin
     rolling, twisting = (not isinstance(one, types.NoneType) for one in friction.types[1:])
-    columns = tuple(range((3 if len(axes) == 3 else 1) * (1 + rolling) + twisting))
+    columns = tuple(range((3 if len(axes) == 3 else 1) * (1 + rolling) + twisting + kept))
     return lambda friction, axes: columns
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, particle_mask, positive
-from packmech.dynamics.friction import stiffening
+from packmech.dynamics.friction import frictions_at_contacts, stiffening
 from packmech.effects import (
     Bonds,
     Friction,
@@ -152,7 +152,11 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             stiff.append(steep * abs(touch.second))
             damped.append(steep * sum(pair_damping(one, touch) for one in pairs))
     for one in scene.effects:
-        if isinstance(one, Friction | RollingResistance | TwistingResistance):
+        if isinstance(one, Friction):
+            there = frictions_at_contacts(scene, one, smallest)
+            stiff += [turned * each.stiffness for each in there]
+            damped += [turned * each.damping for each in there]
+        elif isinstance(one, RollingResistance | TwistingResistance):
             stiff.append(turned * one.stiffness)
             damped.append(turned * one.damping)
         elif isinstance(one, Bonds) and len(one):

@@ -15,6 +15,7 @@ from packmech.constraints.rattle import measure_tensions
 from packmech.dynamics.bonds import bond_energy, bond_vector, pull_of_bond
 from packmech.dynamics.by_shape import energy_of_row, measure_spinning, touch_of_rows, touches_of
 from packmech.dynamics.contact_forces import (
+    energy_across,
     energy_of,
     has_interactions,
     laws_of,
@@ -22,7 +23,7 @@ from packmech.dynamics.contact_forces import (
     pull_of_touch,
 )
 from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
-from packmech.dynamics.friction import Now, energy_of_springs
+from packmech.dynamics.friction import Now
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
@@ -204,7 +205,7 @@ def _add_up(summing, laws, pair, sums):
                 pull = pull_of_touch(laws, pair, k, touch)
                 sums = ContactSums(
                     sums.potential + energy_of(laws.effects, touch),
-                    sums.tangential + energy_of_springs(laws.friction, pull),
+                    sums.tangential + energy_across(laws.friction, laws, touch, pull),
                     sums.contacts + 1.0,
                     sums.slides + pull.across.sliding,
                     sums.total + pull.normal,

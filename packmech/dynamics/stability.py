@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.dynamics.friction import stiffening
+from packmech.dynamics.friction import frictions_at_contacts, stiffening
 from packmech.effects import (
     BackgroundDamping,
     acting_friction,
@@ -74,7 +74,8 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
             spring, dashpot = (min(column) for column in zip(*_normal(scene, pairs, 1.0 / pair), strict=True))
             found.append(LoneMotion("the normal force of a contact", max(spring, 0.0), max(dashpot, 0.0), pair, False))
         if friction is not None:
-            sticking = friction.stiffness, friction.damping, turned * pair
+            there = frictions_at_contacts(scene, friction, 2.0 / pair)
+            sticking = min(one.stiffness for one in there), min(one.damping for one in there), turned * pair
             found.append(LoneMotion("the friction of a contact", *sticking, True))
         for one in resistances(roughness_of(scene.effects))[1:]:
             # the square of the shortest reduced arm over r, over each moment of inertia

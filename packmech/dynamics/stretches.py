@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.dynamics.friction import spring_columns, turning_axes
+from packmech.dynamics.friction import sliding_columns, spring_columns, turning_axes
 from packmech.effects import RoughContacts
 from packmech.jit.compiled import device
 from packmech.minimize.passes.pair_list import PairList, Track, listed_pairs
@@ -109,8 +109,9 @@ def split_columns(
         return np.zeros((len(stretch_ck), 1 if len(axes) == 2 else 3)), None, None
     sliding = len(turning_axes(friction, axes))
     if not isinstance(friction, RoughContacts):
-        return stretch_ck, None, None
-    rolling = None if friction.rolling is None else stretch_ck[:, sliding : 2 * sliding]
+        return stretch_ck[:, :sliding], None, None
+    first = len(sliding_columns(friction.friction, axes))
+    rolling = None if friction.rolling is None else stretch_ck[:, first : first + sliding]
     return stretch_ck[:, :sliding], rolling, None if friction.twisting is None else stretch_ck[:, -1]
 
 

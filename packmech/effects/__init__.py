@@ -28,7 +28,16 @@ from packmech.effects.bonds import (
 )
 from packmech.effects.cohesion import DMT, JKR, CapillaryBridge, ShortRangeAttraction
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
-from packmech.effects.friction import Friction, acting_friction, friction_of, friction_or_zero
+from packmech.effects.friction import (
+    DampingRatio,
+    Friction,
+    Mindlin,
+    acting_friction,
+    at_contact,
+    friction_of,
+    friction_or_zero,
+    mindlin_stiffness,
+)
 from packmech.effects.frictional_laws import DivergentRepulsion, ExponentialTension, PlateauRepulsion
 from packmech.effects.held import FixedParticles, held_particles
 from packmech.effects.interaction import (
@@ -123,6 +132,7 @@ __all__ = [
     "ContactDamping",
     "ContactTerms",
     "DMT",
+    "DampingRatio",
     "DivergentRepulsion",
     "ExponentialTension",
     "FixedParticles",
@@ -135,6 +145,7 @@ __all__ = [
     "JKR",
     "Law",
     "LinearSpring",
+    "Mindlin",
     "PlateauRepulsion",
     "PowerLaw",
     "Repulsion",
@@ -153,6 +164,7 @@ __all__ = [
     "Walls",
     "acting_friction",
     "acts_on_single",
+    "at_contact",
     "body_energy",
     "body_force",
     "body_second",
@@ -175,6 +187,7 @@ __all__ = [
     "is_law",
     "law",
     "law_energy",
+    "mindlin_stiffness",
     "law_first",
     "law_of",
     "law_scale",

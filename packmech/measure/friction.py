@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.effects import friction_of, rolling_of, twisting_of
+from packmech.effects import at_contact, contact_terms, friction_of, rolling_of, twisting_of
 from packmech.links import named_rows
 from packmech.scene import Scene
 
@@ -56,6 +56,9 @@ def tangential_forces(
 
     """
     friction = friction_of(scene.effects)
+    if friction is not None:
+        terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+        friction = at_contact(friction, terms.second_c * contacts.push_c**2, 0.0)
     displacement = _displacements(scene, contacts, "displacement_ck")
     return _across(friction, displacement, contacts.normal_cd, normal_c)
 
@@ -97,13 +100,14 @@ def _limited(
     """Return forces of springs as far as their limit lets them, and their energies; zeros where nothing resists."""
     if resistance is None:
         return np.zeros_like(displacement_ck), np.zeros(len(displacement_ck))
-    force = resistance.stiffness * displacement_ck
+    stiffness = np.broadcast_to(resistance.stiffness, len(displacement_ck))
+    force = stiffness[:, None] * displacement_ck
     size = np.sqrt((force**2).sum(axis=1))
     cap = resistance.coefficient * np.abs(normal_c)
     force = force * np.where(size > cap, cap / np.maximum(size, 1e-300), 1.0)[:, None]
     # a spring that gave way holds what its force is worth
-    stretch = np.minimum(size, cap) / resistance.stiffness if resistance.stiffness > 0.0 else np.zeros(len(force))
-    return force, 0.5 * resistance.stiffness * stretch**2
+    stretch = np.divide(np.minimum(size, cap), stiffness, out=np.zeros(len(force)), where=stiffness > 0.0)
+    return force, 0.5 * stiffness * stretch**2
 
 
 def _across(

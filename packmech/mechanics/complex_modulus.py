@@ -34,6 +34,7 @@ from packmech.effects import (
     BackgroundDamping,
     TouchingPair,
     acting_contacts,
+    at_contact,
     bonds_of,
     contact_terms,
     damps,
@@ -228,10 +229,11 @@ def _touching(
     springs, dashpots = elements_of(found, terms.first_c, terms.second_c), elements_of(found, slack, damping_c)
     radius = scene.packing.radius_n
     cap = under_cap(scene.effects, -terms.first_c, found.distance_c, found.contact_distance_c)
-    if friction.stiffness:
+    friction = at_contact(friction, terms.second_c * found.push_c**2, damping_c)
+    if np.any(friction.stiffness):
         across = tangential_forces(scene, found, cap).force_cd
         springs = tangential_elements(found, radius, terms.first_c, terms.second_c, across, friction.stiffness)[0]
-    if friction.damping:
+    if np.any(friction.damping):
         dashpots = tangential_elements(found, radius, slack, damping_c, none, friction.damping)[0]
     turning = scene.effects, found, scene.packing, turning_forces(scene, found, cap)
     return [springs, *turning_springs(*turning)], [dashpots, *turning_springs(*turning, dashpots=True)]

@@ -28,7 +28,7 @@ from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import pair_rows
 from packmech.contacts.tangential_elements import tangential_elements
-from packmech.effects import ContactTerms, friction_or_zero
+from packmech.effects import ContactTerms, at_contact, friction_or_zero
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces, unless_at_rest
@@ -92,6 +92,7 @@ def frictional_system(
 ) -> tuple[System, NDArray[np.float64]]:
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
     network, terms, friction = found.network, found.terms, friction_or_zero(scene.effects)
+    friction = at_contact(friction, terms.second_c * network.contacts.push_c**2, 0.0)
     contacts, beyond = tangential_elements(
         network.contacts,
         network.packing.radius_n,

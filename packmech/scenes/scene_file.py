@@ -16,6 +16,13 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     kind = "repulsion"
     law = { kind = "harmonic", energy_scale = 1.0 }
 
+    [material]                          # optional: in place of effects, or beside others
+    young_modulus = 7e4
+    poisson_ratio = 0.22
+    density = 2.5                       # of the packing, too, where it names none
+    restitution = 0.9
+    friction = 0.4
+
     [drive]                             # optional
     kind = "jam"
     pressure = 1e-8
@@ -63,7 +70,8 @@ import tomli_w
 
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
-from packmech.effects import Bonds, damps, law_of, registered_effects, registered_laws
+from packmech.effects import Bonds, DampingRatio, Mindlin, damps, law_of, registered_effects, registered_laws
+from packmech.effects.materials import Material
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
     Errors,
@@ -89,7 +97,7 @@ from packmech.scenes.recipes import (
     is_random,
 )
 
-_TOP = ("description", "packing", "effects", "drive")
+_TOP = ("description", "packing", "material", "effects", "drive")
 
 
 @clear_errors
@@ -303,15 +311,18 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     if not isinstance(tables.get("description", ""), str):
         errors.found.append(TypeError(f"description must be a string, got {tables['description']!r}"))
     entries = tables.get("effects")
-    if not isinstance(entries, list) or not entries:
+    if "material" in tables and entries is None:
+        entries = []
+    if not isinstance(entries, list) or not (entries or "material" in tables):
         errors.found.append(TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}"))
         entries = []
     laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
     acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
-    dashpots = OpenKinds(kinds_of(one for one in registered_effects() if damps(one)), "pm.effect")
+    dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
     nested: dict[str, Kinds] = {
         **dict.fromkeys(("law", "compression", "tension"), laws),
         "damping": dashpots,
+        "stiffness": kinds_of((Mindlin,)),
         **LIMITS,
     }
     # each effect beside its place; bonds are made once the packing is there
@@ -323,6 +334,9 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
             if maker is bonds:
                 bonded[len(effects)] = values
             effects.append(None if maker is bonds else make(maker, values, f"effects[{k}]"))
+    material = None
+    with errors.kept():
+        material = _material(tables["material"]) if "material" in tables else None
     drive = None
     with errors.kept():
         drive = _drive(tables["drive"]) if "drive" in tables else None
@@ -337,11 +351,25 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     if "folder" in known:
         fields["folder"] = folder
     if "law" in known and "law" not in fields:
+        if material is not None:
+            raise ValueError("packing.law must be given beside a material, whose law is known once the packing is")
         fields["law"] = law_of(tuple(effects))
+    if material is not None and "density" in known:
+        fields.setdefault("density", material.density)
     packing = make(recipe, fields, "packing", FIELD_OF)
     for k, values in bonded.items():
         effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
+    if material is not None:
+        effects = [*make(material.effects, {"packing": packing}, "material", FIELD_OF), *effects]
     return Scene(packing, tuple(effects), drive)
+
+
+def _material(table: Any) -> Material:
+    if isinstance(table, dict) and "kind" in table:
+        raise ValueError(f"material.kind must be left out, got {table['kind']!r}")
+    named = table | {"kind": kind_of(Material)} if isinstance(table, dict) else table
+    made: Material = from_table(named, "material", kinds_of((Material,)))
+    return made
 
 
 def _drive(table: Any) -> Any:
