@@ -1,0 +1,97 @@
+"""What an engine keeps of its energy: the account of its steps, and the figures of those that are due."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.dynamics.account import BREAKING, ENERGY, FIGURES, SHIFT, STORED, Account, new_account
+from packmech.minimize.passes.pair_list import Track
+from packmech.scene import Scene
+
+
+@dataclass(eq=False)
+class Book:
+    """The account of an engine, and its figures every so many steps.
+
+    Attributes
+    ----------
+    account
+        What the compiled loops add to.
+    every
+        Steps from row to row.
+    step_t, row_tk
+        The steps at which figures were kept, and these.
+
+    """
+
+    account: Account
+    every: int
+    step_t: list[int] = field(default_factory=list)
+    row_tk: list[NDArray[np.float64]] = field(default_factory=list)
+
+    def account_for(self, track: Track | None) -> Account:
+        """Return the account with room for the springs of these lists."""
+        return self.account._replace(spring_pk=None if track is None else np.empty_like(track.inner_pk))
+
+    def until_next(self, steps: int) -> int:
+        """Return how many steps may be taken until figures are due."""
+        return self.every - steps % self.every
+
+    def keep(self, steps: int) -> None:
+        """Keep the figures of this step, in place of those that were kept of it before."""
+        if self.step_t and self.step_t[-1] == steps:
+            self.step_t.pop(), self.row_tk.pop()
+        self.step_t.append(steps)
+        self.row_tk.append(self.account.number.copy())
+
+    def keep_due(self, steps: int) -> None:
+        """Keep the figures of this step if they are due."""
+        if steps % self.every == 0:
+            self.keep(steps)
+
+    def stored(self) -> NDArray[np.float64]:
+        """Return the (9,) energies that channels store now [energy]."""
+        return self.account.number[ENERGY : ENERGY + STORED].copy()
+
+    def release(self, stored: NDArray[np.float64]) -> None:
+        """Book what broken bonds took with them, from the energies before they were taken out."""
+        number, gone = self.account.number, stored - self.stored()
+        number[:STORED] -= gone
+        number[BREAKING] += gone.sum()
+
+    def shift(self, energy: float) -> None:
+        """Add to the energy of single particles what was lost as they were moved by lattice vectors."""
+        self.account.number[SHIFT] += energy
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what a checkpoint keeps."""
+        return {
+            "book.number": self.account.number.copy(),
+            "book.worst": self.account.worst.copy(),
+            "book.every": np.array(self.every),
+            "book.step_t": np.array(self.step_t, dtype=np.int64),
+            "book.row_tk": np.array(self.row_tk),
+        }
+
+    def restore(self, saved: Callable[[str, Any], NDArray[Any]], rows: int) -> None:
+        """Go on from what a checkpoint kept, in so many rows."""
+        self.account.number[:] = saved("book.number", self.account.number)
+        self.account.worst[:] = saved("book.worst", self.account.worst)
+        self.every = int(saved("book.every", 0))
+        self.step_t = saved("book.step_t", np.zeros(rows, dtype=np.int64)).tolist()
+        self.row_tk = list(saved("book.row_tk", np.zeros((rows, FIGURES))))
+
+
+def make_book(scene: Scene, body: NDArray[np.float64], width: int, blocks: int, every: int) -> Book:
+    """Return the book of a scene's rows, after refusing what a ledger does not know."""
+    packing, shapes = scene.packing, scene.packing.shapes
+    if packing.links:
+        raise ValueError(f"ledger must be False for packings with rigid links, got {len(packing.links)} links")
+    if shapes.has_orientations and packing.dimension == 3:
+        raise ValueError(f"ledger must be False for shapes other than spheres in space, got {type(shapes).__name__}")
+    return Book(new_account(body, width, blocks), every)
