@@ -224,24 +224,22 @@ def _of_spring(one, axes, spring, slip, pace):
 
 @inlined
 def _share_out(visiting, axes, one, slip, whole, spring, across, elastic, channels):
-    """Book what a resistance took up: its spring, its dashpot, and what it gave way under its cap.
+    """Book what a resistance took up: its spring, and what is lost to its dashpot or, at its cap, as it gives way.
 
     whole and spring are what the force and the spring's part of it take up in both kicks. What gives way in a step does
     so under the mean of the forces at its ends; that at its start is less by what the spring was stretched since.
     """
     stored, damped, slid = channels
-    kicks, k = visiting.kicks, one.stiffness
-    dt = kicks.late + kicks.early
+    k, dt = one.stiffness, visiting.kicks.late + visiting.kicks.early
     x, y, z = across.x - elastic.x, across.y - elastic.y, across.z - elastic.z
-    since = 0.5 * k * (x * (x - dt * slip.sx) + y * (y - dt * slip.sy) + z * (z - dt * slip.sz))
-    lost, slack = _along(axes, across, x, y, z) + since, _along(axes, elastic, x, y, z) + since
-    late, early = whole[0] - spring[0] - (lost - slack), whole[1] - spring[1]
+    slack = _along(axes, elastic, x, y, z)
+    slack += 0.5 * k * (x * (x - dt * slip.sx) + y * (y - dt * slip.sy) + z * (z - dt * slip.sz))
+    late, early = whole[0] - spring[0] + slack, whole[1] - spring[1]
     _add(visiting, stored, spring[0] - slack, spring[1])
-    _add(visiting, damped, late, early)
-    _add(visiting, slid, lost, 0.0)
+    _add(visiting, slid if across.sliding > 0.0 else damped, late, early)
     square = elastic.x * elastic.x + elastic.y * elastic.y + elastic.z * elastic.z
     _store(visiting, stored, 0.5 * k * square)
-    return late + early + lost
+    return late + early
 
 
 @inlined
@@ -539,28 +537,38 @@ def _account_rows(account, kicks, axes, state, low, high, b):
 
 @inlined
 def _account_singles(bodies, account, kicks, laws, state, shapes, low, high, b):
-    axes, body, mass_n, weight = laws.axes, laws.body, state.mass_n, state.weight_nk
-    visiting, d, rates = Accounting(account, kicks, b), len(laws.axes), laws.rates
-    wx, wy, wz = turning(rates)
+    visiting = Accounting(account, kicks, b)
     for i in range(low, high):
-        for a in range(body.shape[1]):
-            account.still_nk[i, a] = body[i, a] if a < 4 else 0.0
+        _set_still(account.still_nk, laws.body, i)
         for one in literal_unroll(bodies):
-            whole = push_on_row(shapes, one, axes, body, i, mass_n[i])
-            still = push_on_row(shapes, one, axes, account.still_nk, i, mass_n[i])
-            z = body[i, 2] if d == 3 else 0.0
-            x, y, z = with_flow(rates, 0.0, 0.0, 0.0, body[i, 0], body[i, 1], z)
-            carried = still[0] * x + still[1] * y + still[2] * z
-            late, early = _given(account, kicks, axes, i, still)
-            _book(one, visiting, late, early, kicks, carried, energy_of_row(shapes, one, body, i, mass_n[i]))
-            whole_late, whole_early = _given(account, kicks, axes, i, whole)
-            _resist(one, visiting, late - whole_late, early - whole_early)
-            drag = spin_drag(one)
-            if body.shape[1] > 4 + d and drag > 0.0 and weight[i, 1] > 0.0:
-                _account_spin_drag(visiting, laws, shapes, i, drag / weight[i, 1], (wx, wy, wz))
+            _account_single(one, visiting, laws, state, shapes, i)
 
 
-@inlined
+@device
+def _set_still(still_nk, body, i):
+    """Put a row where it is, at rest."""
+    for a in range(body.shape[1]):
+        still_nk[i, a] = body[i, a] if a < 4 else 0.0
+
+
+@device
+def _account_single(one, visiting, laws, state, shapes, i):
+    axes, body, account, kicks = laws.axes, laws.body, visiting.account, visiting.kicks
+    d, mass = len(axes), state.mass_n[i]
+    whole = push_on_row(shapes, one, axes, body, i, mass)
+    still = push_on_row(shapes, one, axes, account.still_nk, i, mass)
+    x, y, z = with_flow(laws.rates, 0.0, 0.0, 0.0, body[i, 0], body[i, 1], body[i, 2] if d == 3 else 0.0)
+    carried = still[0] * x + still[1] * y + still[2] * z
+    late, early = _given(account, kicks, axes, i, still)
+    _book(one, visiting, late, early, kicks, carried, energy_of_row(shapes, one, body, i, mass))
+    whole_late, whole_early = _given(account, kicks, axes, i, whole)
+    _resist(one, visiting, late - whole_late, early - whole_early)
+    drag, inverse = spin_drag(one), state.weight_nk[i, 1]
+    if body.shape[1] > 4 + d and drag > 0.0 and inverse > 0.0:
+        _account_spin_drag(visiting, laws, shapes, i, drag / inverse, turning(laws.rates))
+
+
+@device
 def _given(account, kicks, axes, i, push):
     """Return what a force and a torque give a row in both kicks."""
     d, late, early = len(axes), 0.0, 0.0
@@ -578,7 +586,7 @@ def _given(account, kicks, axes, i, push):
     return kicks.late * late, kicks.early * early
 
 
-@inlined
+@device
 def _account_spin_drag(visiting, laws, shapes, i, rate, flow):
     axes, account, kicks, body = laws.axes, visiting.account, visiting.kicks, laws.body
     d = len(axes)
@@ -731,13 +739,14 @@ book_kicks = by_type(_book_kicks, {type(None): _no_account})
 def book_each(system, account, kicks, pace, pairs):
     """Book what each listed pair, then each bond does in kicks, in rows of their own; in the first what acts on rows.
 
-    The springs of the account are those of the system; `pairs` is the number of pairs.
+    `pairs` is the number of pairs; the springs of the account are stretched by the pace.
     """
     acting, axes, state, space = system.acting, system.axes, system.state, system.space
     laws, n = laws_of(system, pace), state.body.shape[0]
     springs = _with_springs(laws, pace, account.spring_pk)
     now = _with_springs(laws, Now(pace.after), inner_stretches(system.track))
-    _account_rows(account, kicks, axes, state, 0, n, 0)
+    # at the velocities as they are
+    _account_rows(account, Kicks(0.0, 0.0, True), axes, state, 0, n, 0)
     _account_bodies(acting.bodies, account, kicks, laws, state, acting.shapes, 0, n, 0)
     for b in range(system.pairs.row_b.shape[0] - 1):
         _account_each(acting.pairs, account, kicks, springs, system.pairs, b)

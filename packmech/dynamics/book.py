@@ -87,11 +87,29 @@ class Book:
         self.row_tk = list(saved("book.row_tk", np.zeros((rows, FIGURES))))
 
 
-def make_book(scene: Scene, body: NDArray[np.float64], width: int, blocks: int, every: int) -> Book:
-    """Return the book of a scene's rows, after refusing what a ledger does not know."""
+def refuse_unknown(argument: str, scene: Scene) -> None:
+    """Refuse what no channel is known of: rigid links, and shapes in space, which turn without torques.
+
+    Parameters
+    ----------
+    argument
+        The argument to name.
+    scene
+        The scene.
+
+    """
     packing, shapes = scene.packing, scene.packing.shapes
     if packing.links:
-        raise ValueError(f"ledger must be False for packings with rigid links, got {len(packing.links)} links")
+        raise ValueError(
+            f"{argument} must have no rigid links where energies are accounted for, got {len(packing.links)} links"
+        )
     if shapes.has_orientations and packing.dimension == 3:
-        raise ValueError(f"ledger must be False for shapes other than spheres in space, got {type(shapes).__name__}")
+        raise ValueError(
+            f"{argument} must hold spheres where energies are accounted for in space, got {type(shapes).__name__}"
+        )
+
+
+def make_book(scene: Scene, body: NDArray[np.float64], width: int, blocks: int, every: int) -> Book:
+    """Return the book of a scene's rows, after refusing what a ledger does not know."""
+    refuse_unknown("scene.packing", scene)
     return Book(new_account(body, width, blocks), every)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import LETTERS, shown
+from packmech.calls.display import LETTERS, Row, as_html, as_text
 from packmech.dynamics import account
 from packmech.dynamics.engine import Engine
 from packmech.observables import Table, make_table
@@ -23,6 +23,8 @@ _ROWS = 200
 # largest residual, which is rounding, and share of all energy that the integrator may leave [1]
 _RESIDUAL, _INTEGRATOR = 1e-10, 0.05
 _CUT = "take a shorter dt"
+# energies that are rounding, over the largest [1]
+_TINY = 1e-15
 
 
 class WorstContact(NamedTuple):
@@ -37,12 +39,7 @@ class WorstContact(NamedTuple):
         return f"most at the contact of particles {self.i} and {self.j}, {self.energy:.2g} in a step at {self.time:.6g}"
 
 
-def _headline(ledger: Any) -> str:
-    return ledger.verdict
-
-
-@shown(_headline)
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class EnergyLedger:
     """Where the energy of a run went: work done on it = kinetic + stored + dissipated + what the integrator left.
 
@@ -81,6 +78,29 @@ class EnergyLedger:
     integrator: Curves
     worst_left: WorstContact | None
     worst_gave: WorstContact | None
+
+    def __repr__(self) -> str:
+        return as_text(type(self).__name__, self.verdict, self.rows())
+
+    def _repr_html_(self) -> str:
+        return as_html(type(self).__name__, self.verdict, self.rows(), self)
+
+    def rows(self) -> list[Row]:
+        """Return the energies at the end: name, value, and the channels that it is made of."""
+
+        def of(curves: Curves) -> str:
+            return ", ".join(f"{name.replace('_', ' ')} {curve[-1]:.4g}" for name, curve in curves.items())
+
+        change = float(self.kinetic_t[-1] - self.kinetic_t[0]), float(self.stored_t[-1] - self.stored_t[0])
+        return [
+            ("work done", f"{self.work_t[-1]:.6g}", of(self.work)),
+            ("change of kinetic", f"{change[0]:.6g}", f"to {self.kinetic_t[-1]:.4g}"),
+            ("change of stored", f"{change[1]:.6g}", of(self.stored)),
+            ("dissipated", f"{self.dissipated_t[-1]:.6g}", of(self.dissipated)),
+            ("left by integrator", f"{self.integrator_t[-1]:.3g}", of(self.integrator)),
+            ("unexplained", f"{self.residual_t[-1]:.2g}", f"at most {self.residual:.1e} of all"),
+            *((("worst contact", str(self.worst_left), ""),) if self.worst_left else ()),
+        ]
 
     def _sum(self, curves: Curves) -> NDArray[np.float64]:
         return sum(curves.values(), np.zeros_like(self.time_t))
@@ -217,9 +237,11 @@ def ledger_of(engine: Engine) -> EnergyLedger | None:
     energy = rows[:, account.ENERGY : account.KINETIC]
     left = rows[:, :storing] - (energy - energy[0])
 
+    tiny = _TINY * float(np.abs(rows).max())
+
     def curves(names: tuple[str, ...], columns: NDArray[np.float64], seen: NDArray[np.float64]) -> Curves:
-        # what is nowhere anything but zero is no channel of this scene
-        return {name: columns[:, k].copy() for k, name in enumerate(names) if (seen[:, k] != 0.0).any()}
+        # what is nowhere anything but rounding is no channel of this scene
+        return {name: columns[:, k].copy() for k, name in enumerate(names) if not (np.abs(seen[:, k]) <= tiny).all()}
 
     active = np.abs(energy) + np.abs(rows[:, :storing])
     lost, done = rows[:, storing:dissipating], rows[:, dissipating : account.CHANNELS]

@@ -169,6 +169,7 @@ RESTING = {
 # honored by what they are made of, with the test that says so
 ELSEWHERE = {
     "resume": "the same bits as simulate: tests/dynamics/test_checkpoint.py",
+    "contact_dissipation": "the rate of a ledger: tests/dynamics/test_ledger.py",
     "amplitude_sweep": "runs of oscillatory_shear: tests/rheology/test_strained_checkpoints.py",
     "ShearBatch": "the bits of the packing alone: tests/dynamics/test_shear_batch.py",
     "QuenchBatch": "the bits of the packing alone: tests/minimize/test_quench_batch.py",
@@ -396,6 +397,7 @@ def test_bonds_that_break_are_refused_where_none_would_and_change_what_honors_th
     whole = scene.replace(effects=(pm.Repulsion(), weak.unbreakable()))
     now = {"energy", "forces", "torques", "stress_tensor", "pressure", "link_tension", "coarse_grain"}
     in_time = {"simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "amplitude_sweep"}
+    in_time |= {"contact_dissipation"}
     assert {name for name in CALLS if CALLS[name].answer("breaking") == HONORED} == now | in_time
     for name in CALLS:
         if CALLS[name].answer("bonds") == HONORED and name not in now | in_time and name != "ShearBatch":
