@@ -26,6 +26,8 @@ class Book:
         Steps from row to row.
     step_t, row_tk
         The steps at which figures were kept, and these.
+    before
+        What was stored when bonds were last about to be taken out.
 
     """
 
@@ -33,6 +35,7 @@ class Book:
     every: int
     step_t: list[int] = field(default_factory=list)
     row_tk: list[NDArray[np.float64]] = field(default_factory=list)
+    before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(STORED))
 
     def account_for(self, track: Track | None) -> Account:
         """Return the account with room for the springs of these lists."""
@@ -54,13 +57,14 @@ class Book:
         if steps % self.every == 0:
             self.keep(steps)
 
-    def stored(self) -> NDArray[np.float64]:
-        """Return the (9,) energies that channels store now [energy]."""
-        return self.account.number[ENERGY : ENERGY + STORED].copy()
+    def mark(self) -> None:
+        """Keep in mind what is stored before bonds are taken out."""
+        self.before = self.account.number[ENERGY : ENERGY + STORED].copy()
 
-    def release(self, stored: NDArray[np.float64]) -> None:
-        """Book what broken bonds took with them, from the energies before they were taken out."""
-        number, gone = self.account.number, stored - self.stored()
+    def release(self) -> None:
+        """Book what broken bonds took with them, once the forces without them were taken."""
+        number = self.account.number
+        gone = self.before - number[ENERGY : ENERGY + STORED]
         number[:STORED] -= gone
         number[BREAKING] += gone.sum()
 

@@ -88,9 +88,9 @@ def contact_dissipation(
     """Return the power that each contact and bond of a moving packing dissipates, by channel.
 
     Dashpots take coefficient times rate squared. A contact at Coulomb's cap takes the tangential force times its slip,
-    less what its spring gains; so do rolling and twisting, all three as they are after a hundredth of the shortest time of
-    a contact. The springs are those
-    of the packing's tangential displacements, as runs through time leave them; bonds' are slack.
+    less what its spring gains; so do rolling and twisting, all three as they are after a hundredth of the shortest time
+    of a contact. The springs are those of the packing's tangential displacements, as runs through time leave them;
+    bonds' are slack.
 
     Parameters
     ----------

@@ -358,10 +358,11 @@ class Engine:
             assert self.breaks is not None
             before = self._potential_energy()
             self.breaks.add(table.place_b[broken], mode[broken], loads.load_bk[broken], self.steps)
-            stored = None if self.book is None else self.book.stored()
+            if self.book is not None:
+                self.book.mark()
             self._go_on_without(table.place_b, broken, loads.stretch_bk, ledger)
             if self.book is not None:
-                self.book.release(stored)
+                self.book.release()
             self.breaks.released_s[-1] = before - self._potential_energy()
         append_due(ledger, self.system, self.steps, self.now, self.dt)
 

@@ -258,7 +258,8 @@ def _settings(scene: Any, asked: Asked) -> tuple[SimulationSettings, NDArray[np.
         integer("seed", asked.seed, at_least=0)
     if asked.temperature is not None:
         _check_temperature(asked.temperature, asked.velocity_nd, asked.seed)
-    instance("trace_positions", asked.trace_positions, bool), instance("ledger", asked.ledger, bool)
+    instance("trace_positions", asked.trace_positions, bool)
+    instance("ledger", asked.ledger, bool)
     if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
         raise TypeError(f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {strain!r}")
     settings = SimulationSettings(

@@ -140,7 +140,8 @@ def check_arguments(
         Naming the argument that is wrong.
 
     """
-    instance("scene", scene, Scene), instance("ledger", ledger, bool)
+    instance("scene", scene, Scene)
+    instance("ledger", ledger, bool)
     refuse_misfits(scene)
     method = checked_method(method)
     start = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)

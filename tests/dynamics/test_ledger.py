@@ -1,4 +1,4 @@
-"""Facts about the ledger of runs through time: it closes but for rounding, and its channels are those of closed forms."""
+"""Facts about the ledger of runs through time: it closes but for rounding, and channels are those of closed forms."""
 
 import math
 from dataclasses import replace
