@@ -463,11 +463,17 @@ class _Ends(NamedTuple):
     dz: float
 
 
+@device
+def _row_of(block, first, b):
+    """Return the row of the account of a bond: its block's, or its own beyond a first one."""
+    return np.int64(block) if first == 0 else np.int64(first) + np.int64(b)
+
+
 @inlined
 def _account_bonds(bonds, account, kicks, laws, lattice, block, first):
     axes, k = laws.axes, bonds.tangential_stiffness
     for b in range(np.uint64(bonds.start_s[2 * block]), np.uint64(bonds.start_s[2 * block + 2])):
-        visiting = Accounting(account, kicks, block if first == 0 else first + np.int64(b))
+        visiting = Accounting(account, kicks, _row_of(block, first, b))
         dx, dy, dz = bond_vector(axes, laws.body, bonds, lattice, b)
         pair = _Ends(bonds.i_b[b], bonds.j_b[b], dx, dy, dz)
         pull = pull_of_bond(bonds, laws, b, dx, dy, dz)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.account import BREAKING, ENERGY, FIGURES, SHIFT, STORED, Account, new_account
+from packmech.effects import bonds_of
 from packmech.minimize.passes.pair_list import Track
 from packmech.scene import Scene
 
@@ -92,7 +93,7 @@ class Book:
 
 
 def refuse_unknown(argument: str, scene: Scene) -> None:
-    """Refuse what no channel is known of: rigid links, and shapes in space, which turn without torques.
+    """Refuse what no channel is known of: bonds, rigid links, and shapes in space, which turn without torques.
 
     Parameters
     ----------
@@ -103,6 +104,12 @@ def refuse_unknown(argument: str, scene: Scene) -> None:
 
     """
     packing, shapes = scene.packing, scene.packing.shapes
+    bonds = bonds_of(scene.effects)
+    if bonds is not None:
+        raise ValueError(
+            f"{argument} must have no bonds where energies are accounted for, got {len(bonds)}; leave them out with "
+            "scene.without(pm.Bonds)"
+        )
     if packing.links:
         raise ValueError(
             f"{argument} must have no rigid links where energies are accounted for, got {len(packing.links)} links"
