@@ -15,6 +15,7 @@ SHORT = {
         "constrained_rigidity_matrix",
         "constraint_basis",
         "constraint_jacobian",
+        "contact_dissipation",
         "displaced",
         "displacements",
         "draw_frame",

@@ -22,6 +22,7 @@ HONOR = {
     "bead_packing", "classify_jamming",
     "shear_families", "quasistatic_shear", "deform", "deform_at_rate", "cyclic_shear", "tap",
     "anneal_shape", "bond_orientational_order", "contact_statistics", "correlation_function", "find_neighbors",
+    "contact_dissipation",
     "contact_forces", "force_chains", "force_distribution", "frictional_modes", "settle", "stiffness_matrix",
     "coarse_grain", "displacements", "local_strain", "nematic_order", "pair_distribution", "partial_structure_factors",
     "spectral_density", "structure_factor", "to_ase", "to_freud", "to_hoomd",

@@ -229,7 +229,7 @@ def _part_of_frame(system, plan, doing, control_k):
     count_k, number_k = plan.count_k, plan.number_k
     if count_k[STATUS] != RUNNING:
         return count_k[STATUS], False
-    acting, axes, state, links, space, pairs, track = system
+    acting, axes, state, links, space, pairs, track, _ = system
     profile = space.flow.profile
     if doing == FRESH:
         begin, end = count_k[STEPS] * plan.dt, (count_k[STEPS] + plan.steps) * plan.dt
@@ -283,7 +283,7 @@ def _frame(batch, b, doing, control_k):
         status, outside = _part_of_frame(system, plan, doing, control_k)
         if status != SEARCH:
             return status == RUNNING, outside
-        acting, axes, state, links, space, pairs, track = system
+        acting, axes, state, links, space, pairs, track, _ = system
         pairs, track = follow(axes, state.body, space, pairs, track)
         batch[b] = (EngineSystem(acting, axes, state, links, space, pairs, track), plan)
         doing = NEW_LISTS

@@ -17,6 +17,7 @@ from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import frame_of, size_levels
 from packmech.dynamics.bath import make_bath
 from packmech.dynamics.bonds import bond_stretches, bond_table
+from packmech.dynamics.book import Book, make_book
 from packmech.dynamics.breaking import Breaks, broken_by, measure_loads
 from packmech.dynamics.by_shape import (
     inertia_per_mass,
@@ -157,6 +158,8 @@ class Engine:
         The bonds that are left of those that may break, and what broke; None where none may.
     too_long
         The longest stable time step, where this one is unstable for a single contact: no step is taken then.
+    book
+        Where the energy is accounted for; None unless a ledger was asked for.
 
     """
 
@@ -186,6 +189,7 @@ class Engine:
     link_l: NDArray[np.int64] | None = None
     breaks: Breaks | None = None
     too_long: Condition | None = None
+    book: Book | None = None
 
     @property
     def time(self) -> float:
@@ -195,7 +199,10 @@ class Engine:
     @property
     def system(self) -> EngineSystem:
         """All that the compiled loops move."""
-        return EngineSystem(self.acting, self.axes, self.state, self.rattle, self.space, self.pairs, self.track)
+        account = None if self.book is None else self.book.account_for(self.track)
+        return EngineSystem(
+            self.acting, self.axes, self.state, self.rattle, self.space, self.pairs, self.track, account
+        )
 
     @property
     def rule(self) -> Rule:
@@ -312,6 +319,8 @@ class Engine:
         self._take_forces(ledger)
         if self.state.last is not None:
             self.state.last[:] = self.state.push
+        if self.book is not None:
+            self.book.keep(self.steps)
         self.started = True
         self.force_evaluations += 1
 
@@ -323,7 +332,10 @@ class Engine:
             return TOO_FAST
         start, left = WHOLE_STEP, steps
         while left > 0:
-            span = Span(start, self.steps, min(left, self.wrap_every - self.steps % self.wrap_every))
+            due = min(left, self.wrap_every - self.steps % self.wrap_every)
+            if self.book is not None:
+                due = min(due, self.book.until_next(self.steps))
+            span = Span(start, self.steps, due)
             status, taken = run_steps(self.system, ledger, self.threads, span, self.rule)
             self.steps += taken
             self.force_evaluations += taken
@@ -337,6 +349,8 @@ class Engine:
             elif status != RUNNING:
                 return status
             start = WHOLE_STEP
+            if self.book is not None:
+                self.book.keep_due(self.steps)
             if self.steps % self.wrap_every == 0:
                 self.wrap()
         return RUNNING
@@ -351,7 +365,11 @@ class Engine:
             assert self.breaks is not None
             before = self._potential_energy()
             self.breaks.add(table.place_b[broken], mode[broken], loads.load_bk[broken], self.steps)
+            if self.book is not None:
+                self.book.mark()
             self._go_on_without(table.place_b, broken, loads.stretch_bk, ledger)
+            if self.book is not None:
+                self.book.release()
             self.breaks.released_s[-1] = before - self._potential_energy()
         append_due(ledger, self.system, self.steps, self.now, self.dt)
 
@@ -523,6 +541,7 @@ class Engine:
         if not shift.any() and not turned:
             return
         held = self.stretches()
+        before = 0.0 if self.book is None else self._potential_energy()
         body[:, :d] -= shift @ lattice.T
         self.wrap_nd[self.order_n] += shift @ self.change_dd.T
         back = np.rint(np.linalg.inv(change)).astype(np.int64)
@@ -531,6 +550,8 @@ class Engine:
         # lengths held to rounding in one cell are not in another
         project_rattle(self.rattle, body, self.space.frame.lattice_dd)
         self.rebuild_lists(held.moved(shift, back, self._memory))
+        if self.book is not None and self.acting.bodies is not None:
+            self.book.shift(before - self._potential_energy())
 
     def rebuild(self) -> None:
         """Rebuild the frame, the images of bonds and links, and empty lists."""
@@ -592,6 +613,8 @@ class Engine:
             found["bond_stretch_bk"] = bond_stretches(space.bonds)
         if self.breaks is not None:
             found |= self.breaks.arrays()
+        if self.book is not None:
+            found |= self.book.arrays()
         if self.rattle is not None:
             found["link_number"] = self.rattle.number.copy()
         if space.flow is not None:
@@ -613,6 +636,8 @@ class Engine:
             "stretch.j_c": IndexBounds(0, n, (None,)),
             "stretch.image_cd": IndexBounds(-_FAR, _FAR, (None, 3)),
             "stretch.bead_c2": IndexBounds(0, most_beads(self.scene.packing), (None, 2)),
+            "book.every": IndexBounds(1, 1 << 62, ()),
+            "book.step_t": IndexBounds(0, 1 << 62, (None,)),
             **({} if self.breaks is None else self.breaks.index_bounds()),
         }
         return {f"engine.{name}": bound for name, bound in bounds.items()}
@@ -674,6 +699,8 @@ class Engine:
         astray = float(np.abs(state.body[:, :d] @ space.frame.inverse_dd[:d, :d].T).max())
         if not astray < _ASTRAY:
             raise ValueError(f"engine.row_nk must hold places near the cell, got one {astray:g} lattice vectors away")
+        if self.book is not None:
+            self.book.restore(saved, len(np.atleast_1d(arrays.get("engine.book.step_t", ()))))
         if self.rattle is not None:
             refill_rattle(self.rattle, state.body, space.frame.lattice_dd)
             self.rattle.number[:] = saved("link_number", self.rattle.number)
@@ -793,6 +820,7 @@ def build_engine(
     held_n: NDArray[np.bool_] | None = None,
     second_order: bool = True,
     threads: int = 1,
+    ledger_every: int | None = None,
 ) -> Engine:
     """Return the engine of a scene, ready to advance; velocities are peculiar ones.
 
@@ -812,6 +840,8 @@ def build_engine(
         Velocity Verlet, or else semi-implicit Euler.
     threads
         Number of threads; it changes no bit.
+    ledger_every
+        Energies are accounted for, and figures kept every so many steps; None: not.
 
     """
     packing, d = scene.packing, scene.packing.dimension
@@ -907,6 +937,8 @@ def build_engine(
         breaks=None if bonds is None or bonds.breaks_at is None else Breaks(bonds),
         too_long=step_condition(scene, dt, _in_order(weight[:, 0], order), second_order=second_order, lead=lead),
     )
+    if ledger_every is not None:
+        built.book = make_book(scene, body, d + spins, len(built.pairs.row_b) - 1, ledger_every)
     built._link_rows()
     project_rattle(built.rattle, body, built.space.frame.lattice_dd)
     return built

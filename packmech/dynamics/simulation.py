@@ -27,6 +27,7 @@ from packmech.dynamics.energy_drift import (
 )
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet, checked_method, start_of_motion
+from packmech.dynamics.ledger import EnergyLedger, every_of, ledger_of
 from packmech.dynamics.observables import (
     ANGULAR,
     BONDED,
@@ -190,6 +191,8 @@ class Simulation(Run):
         The bonds at the end; None in a scene without.
     broken_bonds
         Those that broke; None where no bond of the scene may break.
+    ledger
+        Where the energy went; None unless it was asked for.
 
     """
 
@@ -204,6 +207,7 @@ class Simulation(Run):
     held_n: NDArray[np.bool_] | None = None
     bonds: Bonds | None = None
     broken_bonds: BrokenBonds | None = None
+    ledger: EnergyLedger | None = None
 
     def about(self) -> dict[str, Any]:
         """Return what a table of this run says of it."""
@@ -467,6 +471,7 @@ class SimulationSettings:
     trace_positions: bool = False
     # hash of what it starts with: velocities, spins, held particles, temperature and seed
     start: str = ""
+    ledger: bool = False
 
     def to_table(self) -> dict[str, Any]:
         """Return the settings that are no arrays, as JSON knows them."""
@@ -478,6 +483,7 @@ class SimulationSettings:
             "trace_every": self.trace_every,
             "trace_positions": self.trace_positions,
             "start": self.start,
+            "ledger": self.ledger,
             "scene": scene_fingerprints(self.scene),
         }
 
@@ -509,6 +515,7 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
         None if every is None else integer("trace_every", every, at_least=1),
         table["trace_positions"],
         table["start"],
+        bool(table.get("ledger", False)),
     )
 
 
@@ -546,6 +553,7 @@ class SimulationTask:
             held_n=settings.held_n,
             second_order=isinstance(settings.method, VelocityVerlet),
             threads=loop.settings.threads,
+            ledger_every=every_of(settings.trace_every, settings.steps) if settings.ledger else None,
         )
         self.direction_dd = np.zeros((d, d)) if strain is None else strain.direction(d)
         self.build_seconds = time.process_time() - self.began
@@ -769,6 +777,7 @@ class SimulationTask:
             strain=float(last[STRAIN]),
             held_n=settings.held_n,
             **bonds_at(self.engine, self.reached),
+            ledger=ledger_of(self.engine),
             unmet=unmet_conditions(
                 outcome, *self.engine.limits(), Condition("steps", self.reached, settings.steps, 0.0)
             ),

@@ -10,6 +10,7 @@ import numpy as np
 from numba import literal_unroll
 
 from packmech.constraints.rattle import rattle_positions, rattle_velocities
+from packmech.dynamics.account import Kicks, book_kicks, keep_springs
 from packmech.dynamics.bath import bathe_rows, leave_bath
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
 from packmech.dynamics.breaking import limits_of, some_bond_breaks
@@ -69,7 +70,7 @@ class EngineArrays(NamedTuple):
 class EngineSystem(NamedTuple):
     """All that moves: what acts, axes, arrays, links (None without), space, pair lists and their track.
 
-    axes is (0, 1) or (0, 1, 2).
+    axes is (0, 1) or (0, 1, 2). `account` is that of the energy, None unless a ledger was asked for.
     """
 
     acting: Acting
@@ -79,6 +80,7 @@ class EngineSystem(NamedTuple):
     space: Any
     pairs: Any
     track: Any
+    account: Any = None
 
 
 class Rule(NamedTuple):
@@ -384,9 +386,14 @@ def take_steps(system, ledger, thread, span, rule):
             status = kick_and_drift(system, thread, rows, step * rule.dt, rule, split)
             if status != RUNNING:
                 return status, taken
+        keep_springs(system.account, system, blocks)
         take_forces(system, thread, blocks, pace)
         if start == FORCES:
+            kicks = Kicks(0.0, split.early, True)
+            book_kicks(system.account, system, thread, blocks, pace, kicks, step * rule.dt)
             return RUNNING, 0
+        kicks = Kicks(split.late, split.early, False)
+        book_kicks(system.account, system, thread, blocks, pace, kicks, (step + 1) * rule.dt)
         _finish_kick(axes, state, rows, split.late)
         if rule.second_order:
             project_velocities(thread, links, axes, state.body, state.half)

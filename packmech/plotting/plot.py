@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import brief, call_fault, did_you_mean, finite_array, instance, integer, one_of
+from packmech.dynamics.ledger import EnergyLedger
 from packmech.effects import held_particles
 from packmech.ensemble.shear_series import ShearCurve, ShearSeries
 from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit, fit_power_law
@@ -68,9 +69,9 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
         Displacements and local strains: arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane
         (`of=`). Moduli: the matrix. Else a curve: a density of states, pair distribution, shell average, correlation,
         stress-strain curve or loop, flow curve, moduli against amplitude or frequency, creep, mean square displacement,
-        self-intermediate scattering, cementing, shear families, distribution of forces, numbers of contacts,
-        statistics of an ensemble (`fit=True` draws a power law, or one that was fitted), work and precision, or a trace
-        (`of=` names what).
+        self-intermediate scattering, energy ledger, cementing, shear families, distribution of forces, numbers of
+        contacts, statistics of an ensemble (`fit=True` draws a power law, or one that was fitted), work and precision,
+        or a trace (`of=` names what).
     ax
         Axes of matplotlib to draw on; new ones unless given.
     options
@@ -807,6 +808,25 @@ def _draw_accuracy(found: WorkPrecision, ax: Any) -> None:
     ax.set(xlabel="CPU time [s]", ylabel=axis, xscale="log", yscale="log", title=found.title)
     if ax.get_legend_handles_labels()[1]:
         ax.legend(frameon=False)
+
+
+@_draws(EnergyLedger)
+def _draw_ledger(ledger: EnergyLedger, ax: Any) -> None:
+    """Draw kinetic, stored and dissipated energies on each other, and the energy at the start with the work done."""
+    named = {
+        "kinetic": ledger.kinetic_t,
+        **{f"stored: {name}": curve for name, curve in ledger.stored.items()},
+        **{f"lost: {name}": curve for name, curve in ledger.dissipated.items()},
+    }
+    # potentials may be negative: what is drawn is what was gained since they were lowest
+    heights = [curve - min(float(curve.min()), 0.0) for curve in named.values()]
+    colors = [COLORS[k % len(COLORS)] for k in range(len(heights))]
+    labels = [name.replace("_", " ") for name in named]
+    ax.stackplot(ledger.time_t, heights, labels=labels, colors=colors, alpha=0.6, linewidth=0.0)
+    start = sum(float(height[0]) for height in heights)
+    ax.plot(ledger.time_t, start + ledger.work_t, color="black", linewidth=1.2, label="start + work")
+    ax.set(xlabel="time [time]", ylabel="energy [energy]", title="")
+    ax.legend(frameon=False, fontsize="small", loc="upper left")
 
 
 @_draws(Trace)

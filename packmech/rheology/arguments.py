@@ -47,6 +47,7 @@ class Several(Stepping, total=False):
 
     held_n: ArrayLike | None
     frames: int
+    ledger: bool
 
 
 class Common(Several, total=False):
@@ -59,7 +60,7 @@ class Common(Several, total=False):
 
 
 KIND = "strained runs"
-_DEFAULTS = {"frames": 0, "check": True}
+_DEFAULTS = {"frames": 0, "ledger": False, "check": True}
 
 
 def listed(arguments: type) -> Callable[[F], F]:
@@ -72,7 +73,7 @@ def listed(arguments: type) -> Callable[[F], F]:
     >>> @listed(Several)
     ... def strained(scene, **common): ...
     >>> list(inspect.signature(strained).parameters)
-    ['scene', 'dt', 'method', 'progress', 'checkpoint', 'held_n', 'frames']
+    ['scene', 'dt', 'method', 'progress', 'checkpoint', 'held_n', 'frames', 'ledger']
 
     """
     keyword = inspect.Parameter.KEYWORD_ONLY
@@ -113,6 +114,7 @@ class StrainSettings:
     frames: int
     loop: RunLoop
     file: RunsFile | None
+    ledger: bool = False
 
 
 def check_arguments(
@@ -126,6 +128,7 @@ def check_arguments(
     time_limit: float | None = None,
     progress: Progress = None,
     frames: int = 0,
+    ledger: bool = False,
     checkpoint: str | os.PathLike[str] | RunsFile | None = None,
     check: bool = True,
 ) -> StrainSettings:
@@ -138,6 +141,7 @@ def check_arguments(
 
     """
     instance("scene", scene, Scene)
+    instance("ledger", ledger, bool)
     refuse_misfits(scene)
     method = checked_method(method)
     start = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)
@@ -151,6 +155,7 @@ def check_arguments(
         integer("frames", frames, at_least=0),
         RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check)),
         runs_file(checkpoint),
+        ledger,
     )
 
 

@@ -315,6 +315,9 @@ def oscillatory_shear(
         mean one of the step, as where strain increments drive an experiment.
     frames
         Positions are kept so many times, evenly spaced, the start and the end among them.
+    ledger
+        Account for the energy: `run.ledger` says how much work the box did, what is stored and where the rest was
+        dissipated, as in `simulate`.
     time_limit
         Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress

@@ -18,6 +18,7 @@ from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.energy_drift import RowWatch
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import VelocityVerlet
+from packmech.dynamics.ledger import EnergyLedger, every_of, ledger_of
 from packmech.dynamics.observables import (
     BONDED,
     COLUMNS,
@@ -112,6 +113,8 @@ class StrainRun(Run):
         The bonds at the end; None in a scene without.
     broken_bonds
         Those that broke; None where no bond of the scene may break.
+    ledger
+        Where the energy went; None unless it was asked for.
     added
         (T, ...) arrays of the observables that were added by `pm.observable`, by name.
 
@@ -140,6 +143,7 @@ class StrainRun(Run):
     held_n: NDArray[np.bool_] | None = None
     bonds: Bonds | None = None
     broken_bonds: BrokenBonds | None = None
+    ledger: EnergyLedger | None = None
     added: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @property
@@ -299,6 +303,7 @@ class StrainTask:
                 direction_dd=plan.direction_dd,
                 held_n=settings.held_n,
                 second_order=isinstance(settings.method, VelocityVerlet),
+                ledger_every=self._ledger_every(),
             )
             self.ledger: Ledger = new_ledger(plan.every, plan.steps // plan.every)
             self.stop_every = plan.span or max(1, _CHUNK // self.engine.state.body.size)
@@ -325,6 +330,13 @@ class StrainTask:
         self.energy = RowWatch(settings.scene, plan.direction_dd, plan.every, self.engine.released)
         self.build_seconds = time.process_time() - self.began
 
+    def _ledger_every(self) -> int | None:
+        """Return after how many steps the energies are kept; None where no ledger was asked for."""
+        if self.settings.ledger and self.walls is not None:
+            raise ValueError("ledger must be False where walls are driven, whose work is not accounted for, got True")
+        # a run that is driven from outside has no steps from row to row
+        return every_of(None if self.plan.span else self.plan.every, self.plan.steps) if self.settings.ledger else None
+
     def _named(self) -> dict[str, Any]:
         """Return what decides the numbers of this run."""
         settings, plan = self.settings, self.plan
@@ -336,6 +348,7 @@ class StrainTask:
             "strain": (plan.profile, plan.direction_dd),
             "frames": self.due_f,
             **{name: getattr(settings, name) for name in ("method", "velocity_nd", "spin_nk", "held_n")},
+            **({"ledger": True} if settings.ledger else {}),
             **plan.further,
         }
 
@@ -545,6 +558,7 @@ class StrainTask:
             "orientation_fnq": orientations_at(snapshots),
             "held_n": settings.held_n,
             **bonds_at(engine, engine.steps),
+            "ledger": ledger_of(engine),
             "added": columns_of(self.added) if self.added and self.added[0] else {},
             "unmet": unmet_conditions(outcome, *engine.limits(), Condition("steps", engine.steps, plan.steps, 0.0)),
         }

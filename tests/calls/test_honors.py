@@ -170,6 +170,7 @@ RESTING = {
 # honored by what they are made of, with the test that says so
 ELSEWHERE = {
     "resume": "the same bits as simulate: tests/dynamics/test_checkpoint.py",
+    "contact_dissipation": "the rate of a ledger: tests/dynamics/test_ledger.py",
     "amplitude_sweep": "runs of oscillatory_shear: tests/rheology/test_strained_checkpoints.py",
     "ShearBatch": "the bits of the packing alone: tests/dynamics/test_shear_batch.py",
     "QuenchBatch": "the bits of the packing alone: tests/minimize/test_quench_batch.py",

@@ -1,0 +1,138 @@
+"""What an engine keeps of its energy: the account of its steps, and the figures of those that are due."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.dynamics.account import BREAKING, ENERGY, FIGURES, SHIFT, STORED, Account, new_account
+from packmech.effects import Mindlin, bonds_of, friction_of, langevin_of, memory_columns
+from packmech.minimize.passes.pair_list import Track
+from packmech.scene import Scene
+
+
+@dataclass(eq=False)
+class Book:
+    """The account of an engine, and its figures every so many steps.
+
+    Attributes
+    ----------
+    account
+        What the compiled loops add to.
+    every
+        Steps from row to row.
+    step_t, row_tk
+        The steps at which figures were kept, and these.
+    before
+        What was stored when bonds were last about to be taken out.
+
+    """
+
+    account: Account
+    every: int
+    step_t: list[int] = field(default_factory=list)
+    row_tk: list[NDArray[np.float64]] = field(default_factory=list)
+    before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(STORED))
+
+    def account_for(self, track: Track | None) -> Account:
+        """Return the account with room for the springs of these lists."""
+        return self.account._replace(spring_pk=None if track is None else np.empty_like(track.inner_pk))
+
+    def until_next(self, steps: int) -> int:
+        """Return how many steps may be taken until figures are due."""
+        return self.every - steps % self.every
+
+    def keep(self, steps: int) -> None:
+        """Keep the figures of this step, in place of those that were kept of it before."""
+        if self.step_t and self.step_t[-1] == steps:
+            self.step_t.pop(), self.row_tk.pop()
+        self.step_t.append(steps)
+        self.row_tk.append(self.account.number.copy())
+
+    def keep_due(self, steps: int) -> None:
+        """Keep the figures of this step if they are due."""
+        if steps % self.every == 0:
+            self.keep(steps)
+
+    def mark(self) -> None:
+        """Keep in mind what is stored before bonds are taken out."""
+        self.before = self.account.number[ENERGY : ENERGY + STORED].copy()
+
+    def release(self) -> None:
+        """Book what broken bonds took with them, once the forces without them were taken."""
+        number = self.account.number
+        gone = self.before - number[ENERGY : ENERGY + STORED]
+        number[:STORED] -= gone
+        number[BREAKING] += gone.sum()
+
+    def shift(self, energy: float) -> None:
+        """Add to the energy of single particles what was lost as they were moved by lattice vectors."""
+        self.account.number[SHIFT] += energy
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return what a checkpoint keeps."""
+        return {
+            "book.number": self.account.number.copy(),
+            "book.worst": self.account.worst.copy(),
+            "book.every": np.array(self.every),
+            "book.step_t": np.array(self.step_t, dtype=np.int64),
+            "book.row_tk": np.array(self.row_tk),
+        }
+
+    def restore(self, saved: Callable[[str, Any], NDArray[Any]], rows: int) -> None:
+        """Go on from what a checkpoint kept, in so many rows."""
+        self.account.number[:] = saved("book.number", self.account.number)
+        self.account.worst[:] = saved("book.worst", self.account.worst)
+        self.every = int(saved("book.every", 0))
+        self.step_t = saved("book.step_t", np.zeros(rows, dtype=np.int64)).tolist()
+        self.row_tk = list(saved("book.row_tk", np.zeros((rows, FIGURES))))
+
+
+def refuse_unknown(argument: str, scene: Scene) -> None:
+    """Refuse what no channel is known of.
+
+    Bonds, heat baths, interactions that remember, Mindlin's springs, rigid links, and shapes in space, which turn
+    without torques.
+
+    Parameters
+    ----------
+    argument
+        The argument to name.
+    scene
+        The scene.
+
+    """
+    packing, shapes = scene.packing, scene.packing.shapes
+    bonds = bonds_of(scene.effects)
+    if bonds is not None:
+        raise ValueError(
+            f"{argument} must have no bonds where energies are accounted for, got {len(bonds)}; leave them out with "
+            "scene.without(pm.Bonds)"
+        )
+    friction = friction_of(scene.effects)
+    unknown = {
+        "Langevin": langevin_of(scene.effects) is not None,
+        "interactions that remember": memory_columns(scene.effects) > 0,
+        "Mindlin's springs": friction is not None and isinstance(friction.stiffness, Mindlin),
+    }
+    for name, there in unknown.items():
+        if there:
+            raise ValueError(f"{argument} must have no {name} where energies are accounted for, got a scene with them")
+    if packing.links:
+        raise ValueError(
+            f"{argument} must have no rigid links where energies are accounted for, got {len(packing.links)} links"
+        )
+    if shapes.has_orientations and packing.dimension == 3:
+        raise ValueError(
+            f"{argument} must hold spheres where energies are accounted for in space, got {type(shapes).__name__}"
+        )
+
+
+def make_book(scene: Scene, body: NDArray[np.float64], width: int, blocks: int, every: int) -> Book:
+    """Return the book of a scene's rows, after refusing what a ledger does not know."""
+    refuse_unknown("scene.packing", scene)
+    return Book(new_account(body, width, blocks), every)

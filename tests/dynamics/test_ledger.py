@@ -1,0 +1,262 @@
+"""Facts about the ledger of runs through time: it closes but for rounding, and channels are those of closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.dynamics.engine import build_engine
+from packmech.dynamics.ledger import ledger_of
+
+SPRING = pm.Repulsion(pm.LinearSpring())
+SMOOTH = pm.ContactDamping(0.3, onset="smooth")
+GRAINS = (SPRING, pm.Friction(0.3, stiffness=0.5, damping=0.1), SMOOTH)
+
+
+def two(*effects, distance=1.05, **given):
+    packing = pm.Packing([[2.0, 2.0], [2.0 + distance, 2.0]], [0.5, 0.5], pm.Box.cubic(6.0, 2), **given)
+    return pm.Scene(packing, effects)
+
+
+def jammed(*effects, dimension=2, count=64, fraction=0.88, **given):
+    packing = pm.random_packing(count, dimension=dimension, packing_fraction=fraction, seed=1, **given)
+    packing = pm.quench(pm.Scene(packing, (SPRING,)), force_tolerance=1e-8).packing
+    return pm.Scene(packing, effects)
+
+
+def shaken(scene, speed=0.05, seed=3):
+    return speed * np.random.default_rng(seed).standard_normal(scene.packing.position_nd.shape)
+
+
+def closed(run):
+    ledger = run.ledger
+    assert ledger.closed, ledger
+    assert ledger.residual < 1e-12
+    return ledger
+
+
+# -- closed forms ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("restitution", [0.3, 0.8])
+def test_a_collision_loses_the_share_that_restitution_says_to_its_dashpot(restitution):
+    scene = two(SPRING, pm.Restitution(restitution))
+    run = pm.simulate(scene, duration=8.0, dt=2e-4, velocity_nd=[[0.1, 0.0], [-0.1, 0.0]], ledger=True)
+    ledger = closed(run)
+    lost = (1.0 - restitution**2) * ledger.kinetic_t[0]
+    assert list(ledger.dissipated) == ["normal_dashpots"]
+    assert ledger.dissipated["normal_dashpots"][-1] == pytest.approx(lost, rel=1e-3)
+
+
+def test_free_fall_turns_the_potential_into_kinetic_energy_across_periodic_boundaries():
+    scene = pm.Scene(pm.Packing([[1.0, 1.0]], [0.5], pm.Box.cubic(2.0, 2)), (pm.Gravity(0.3, -1.0),))
+    engine = build_engine(scene, dt=0.01, velocity_nd=np.zeros((1, 2)), ledger_every=100)
+    engine.advance(4500)
+    ledger = ledger_of(engine)
+    assert np.abs(engine.wrap_nd).max() > 100
+    assert ledger.closed
+    assert ledger.kinetic_t[-1] == pytest.approx(0.5 * scene.packing.mass_n[0] * 1.09 * 45.0**2, rel=1e-12)
+    assert ledger.stored["bodies"][-1] - ledger.stored["bodies"][0] == pytest.approx(-ledger.kinetic_t[-1], rel=1e-12)
+
+
+def test_drag_takes_kinetic_energy_exponentially_from_spins_too():
+    scene = two(*GRAINS, pm.BackgroundDamping(0.2), distance=2.0)
+    start = {"velocity_nd": [[-0.1, 0.1], [0.2, 0.1]], "spin_nk": [[1.0], [-2.0]]}
+    ledger = closed(pm.simulate(scene, duration=3.0, dt=1e-3, ledger=True, **start))
+    assert ledger.kinetic_t[-1] == pytest.approx(ledger.kinetic_t[0] * math.exp(-2.0 * 0.2 * 3.0), rel=1e-6)
+    assert ledger.dissipated["drag"][-1] == pytest.approx(ledger.kinetic_t[0] - ledger.kinetic_t[-1], rel=1e-12)
+
+
+def driven(scene, spins):
+    """Return the ledger of two discs that are held, turn at given rates, and have done so for a while."""
+    run = pm.simulate(scene, steps=2000, dt=0.01, spin_nk=spins, held_n=[True, True], ledger=True, trace_every=500)
+    ledger = closed(run)
+    return ledger, {name: np.diff(curve)[1:] / 5.0 for name, curve in {**ledger.dissipated, **ledger.work}.items()}
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05])
+def test_sliding_loses_the_friction_times_its_path_whatever_the_dashpot(damping):
+    scene = two(SPRING, pm.Friction(0.3, stiffness=0.5, damping=damping), distance=0.9)
+    _, rates = driven(scene, [[1.0], [1.0]])
+    # the normal force is 0.1, and both surfaces move against each other at 0.45
+    assert rates["sliding"] == pytest.approx(0.3 * 0.1 * 0.9, rel=1e-10)
+    assert rates["held"] == pytest.approx(rates["sliding"], rel=1e-10)
+
+
+def test_rolling_loses_its_resistance_times_the_way_it_rolls():
+    scene = two(SPRING, pm.Friction(0.3, stiffness=0.5), pm.RollingResistance(0.2, stiffness=0.5), distance=0.9)
+    ledger, rates = driven(scene, [[1.0], [-1.0]])
+    # the reduced arm is 0.45 / 2
+    assert rates["rolling"] == pytest.approx(0.2 * 0.1 * 0.225 * 2.0, rel=1e-10)
+    assert "sliding" not in ledger.dissipated
+
+
+# -- it closes ------------------------------------------------------------------------------------------------------
+
+
+def test_sheared_grains_close_in_a_plane_for_both_methods():
+    scene = jammed(*GRAINS, pm.BackgroundDamping(0.05))
+    for method in (pm.VelocityVerlet(), pm.SemiImplicitEuler()):
+        ledger = closed(pm.ramp_strain(scene, rate=0.02, applied_strain=0.3, method=method, ledger=True))
+        assert {"normal_dashpots", "tangential_dashpots", "sliding", "drag"} == set(ledger.dissipated)
+
+
+def test_work_of_the_box_is_that_of_its_stress():
+    scene = jammed(*GRAINS)
+    run = pm.ramp_strain(scene, rate=0.01, applied_strain=0.2, samples=4000, ledger=True)
+    power = run.packing.box.volume * (run.stress["contact"] + run.stress["kinetic"])[:, 0, 1] * 0.01
+    work = np.concatenate([[0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(run.time_t))])
+    assert run.ledger.work["box"] == pytest.approx(work, abs=2e-4 * work[-1])
+
+
+def test_spheres_that_slide_roll_and_twist_close():
+    resisting = pm.RollingResistance(0.1, stiffness=0.3), pm.TwistingResistance(0.05, stiffness=0.2, damping=0.05)
+    scene = jammed(*GRAINS, *resisting, dimension=3, fraction=0.7)
+    ledger = closed(pm.ramp_strain(scene, rate=0.02, applied_strain=0.3, ledger=True))
+    assert {"sliding", "rolling", "twisting"} <= set(ledger.dissipated)
+    assert {"contacts", "tangential", "rolling", "twisting"} == set(ledger.stored)
+
+
+def test_an_oscillation_closes_cycle_by_cycle():
+    run = pm.oscillatory_shear(
+        jammed(*GRAINS), amplitude=0.05, frequency=0.02, periods=3, skip_periods=1, ledger=True, check=False
+    )
+    ledger = closed(run)
+    assert ledger.work_t[-1] > 0.0
+    assert ledger.dissipated_t[-1] > 0.5 * ledger.work_t[-1]
+
+
+def test_a_pile_under_gravity_between_walls_closes_and_loses_to_walls():
+    packing = pm.Packing(
+        [[1.0 + 1.1 * (k % 5), 1.0 + 1.1 * (k // 5)] for k in range(20)], [0.5] * 20, pm.Box.cubic(9.0, 2)
+    )
+    walls = (pm.Walls(1.0, 0.2, 8.0, damping=0.2), pm.Walls(0.0, 0.2, 6.5, damping=0.2))
+    scene = pm.Scene(
+        packing, (pm.Repulsion(pm.LinearSpring(100.0)), pm.ContactDamping(0.5), pm.Gravity(0.1, -0.5), *walls)
+    )
+    ledger = closed(pm.simulate(scene, duration=20.0, ledger=True))
+    assert ledger.dissipated["wall_dashpots"][-1] > 0.0
+    assert ledger.stored["bodies"][-1] < ledger.stored["bodies"][0]
+
+
+def test_ellipses_with_friction_close():
+    scene = jammed(*GRAINS, count=40)
+    shapes = pm.Spheroids(np.full(40, 1.5), np.eye(2)[np.arange(40) % 2])
+    scene = scene.replace(packing=scene.packing.replace(shapes=shapes))
+    ledger = closed(pm.simulate(scene, duration=30.0, velocity_nd=shaken(scene), ledger=True))
+    assert ledger.dissipated["sliding"][-1] > 0.0
+
+
+def test_held_particles_that_move_do_the_work():
+    scene = jammed(*GRAINS)
+    scene = scene.replace(effects=(*scene.effects, pm.FixedParticles((0, 1), velocity=(0.02, 0.0))))
+    ledger = closed(pm.simulate(scene, duration=50.0, ledger=True))
+    assert list(ledger.work) == ["held"]
+    assert ledger.work_t[-1] > 0.0
+
+
+# -- order ----------------------------------------------------------------------------------------------------------
+
+
+def test_what_the_integrator_leaves_is_of_second_order_in_sheared_grains_that_slide():
+    hertz = pm.Repulsion(pm.Hertz(energy_scale=1.0))
+    scene = jammed(hertz, *GRAINS[1:], fraction=0.95)
+    left = []
+    for dt in (0.04, 0.02, 0.01):
+        ledger = closed(pm.ramp_strain(scene, rate=0.01, applied_strain=0.3, dt=dt, samples=10, ledger=True))
+        left.append([abs(ledger.integrator[name][-1]) for name in ("contacts", "tangential")])
+        assert ledger.dissipated["sliding"][-1] > 0.1 * ledger.work_t[-1]
+    orders = np.log2(np.array(left)[:-1] / np.array(left)[1:])
+    assert orders == pytest.approx(2.0, abs=0.1)
+
+
+# -- the same bits --------------------------------------------------------------------------------------------------
+
+
+def test_a_ledger_changes_no_bit_of_the_run_and_threads_none_of_the_ledger():
+    scene = jammed(*GRAINS, count=700)
+    asked = {"steps": 300, "dt": 0.02, "velocity_nd": shaken(scene), "applied_strain": pm.SteadyStrain(0.01)}
+    plain, one, both = (
+        pm.simulate(scene, **asked, **how) for how in ({}, {"ledger": True}, {"ledger": True, "threads": 2})
+    )
+    assert plain.ledger is None
+    assert plain.packing == one.packing == both.packing
+    for name, curve in one.ledger.columns().items():
+        assert np.array_equal(curve, both.ledger.columns()[name]), name
+    assert one.ledger.worst_left == both.ledger.worst_left
+
+
+def test_a_run_that_goes_on_from_its_checkpoint_has_the_same_ledger(tmp_path):
+    scene, path = jammed(*GRAINS), tmp_path / "run.npz"
+    asked = {"dt": 0.02, "velocity_nd": shaken(scene), "ledger": True, "trace_every": 50}
+    whole = pm.simulate(scene, steps=1000, **asked)
+    pm.simulate(scene, steps=430, checkpoint=path, **asked)
+    ledger = pm.resume(path, scene, steps=1000).ledger
+    at = np.isin(ledger.time_t, whole.ledger.time_t)
+    for name, curve in whole.ledger.columns().items():
+        if not name.startswith("residual"):
+            assert np.array_equal(curve, ledger.columns()[name][at]), name
+
+
+# -- what breaks ----------------------------------------------------------------------------------------------------
+
+
+def test_a_step_that_is_too_long_for_one_contact_is_seen_and_that_contact_is_named():
+    scene = jammed(SPRING, fraction=0.95)
+    contacts = pm.find_contacts(scene.packing)
+    light = int(contacts.i_c[0])
+    mass = scene.packing.mass_n.copy()
+    mass[light] *= 0.02
+    scene = scene.replace(packing=scene.packing.replace(mass_n=mass))
+    dt = 0.95 * 2.0 * math.sqrt(mass[light])
+    run = pm.simulate(scene, steps=400, dt=dt, velocity_nd=shaken(scene, 0.01), ledger=True, check=False)
+    ledger = run.ledger
+    assert not ledger.closed
+    assert light in ledger.worst_left[:2]
+    assert f"particles {ledger.worst_left.i} and {ledger.worst_left.j}" in repr(ledger)
+    assert "does not close" in repr(ledger)
+
+
+def test_bonds_links_and_spheroids_in_space_are_refused_by_name():
+    scene = jammed(SPRING, count=16)
+    bonded = scene.replace(effects=(SPRING, pm.bond_contacts(scene.packing)))
+    with pytest.raises(ValueError, match="no bonds where energies are accounted for"):
+        pm.simulate(bonded, steps=1, ledger=True)
+    link = pm.Links([0], [1], [[0, 0]], [1.0])
+    dimer = pm.Packing([[1.0, 2.0], [2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), link, [1.0, 1.0])
+    with pytest.raises(ValueError, match="rigid links where energies are accounted for, got 1 links"):
+        pm.simulate(pm.Scene(dimer, (SPRING,)), steps=1, ledger=True)
+    one = pm.Packing([[1.0] * 3], [0.5], pm.Box.cubic(4.0, 3), shapes=pm.Spheroids([1.5], [[1.0, 0.0, 0.0]]))
+    with pytest.raises(ValueError, match="spheres where energies are accounted for in space, got Spheroids"):
+        pm.simulate(pm.Scene(one, (SPRING,)), steps=1, ledger=True)
+
+
+# -- one moment -----------------------------------------------------------------------------------------------------
+
+
+def test_powers_of_contacts_add_up_to_the_rate_of_the_ledger():
+    scene = jammed(*GRAINS, pm.RollingResistance(0.1, stiffness=0.3), pm.BackgroundDamping(0.05))
+    strain = pm.SteadyStrain(0.02)
+    run = pm.simulate(scene, steps=3000, dt=0.01, applied_strain=strain, ledger=True, trace_every=1)
+    found = pm.contact_dissipation(
+        scene.replace(packing=run.packing), run.velocity_nd, run.spin_nk, applied_strain=strain
+    )  # fmt: skip
+    for name, curve in run.ledger.dissipated.items():
+        # at the end, from the rates in the middle of the last two steps
+        rate = (1.5 * (curve[-1] - curve[-2]) - 0.5 * (curve[-2] - curve[-3])) / 0.01
+        assert found.by_channel[name] == pytest.approx(rate, rel=0.01), name
+
+
+def test_powers_of_one_contact_are_those_of_closed_forms():
+    scene = two(SPRING, pm.ContactDamping(0.2), pm.Friction(0.3, stiffness=0.5, damping=0.7), distance=0.9)
+    tangential = pm.TangentialDisplacements([0], [1], [[0, 0]], [[0.06]])
+    packing = scene.packing.replace(tangential=tangential)
+    apart = {"velocity_nd": [[0.0, -0.5], [0.1, 0.5]]}
+    sliding = pm.contact_dissipation(scene.replace(packing=packing), **apart)
+    # friction is at its cap of 0.3 * 0.1, which falls a little; the dashpot along the normal takes 0.2 * 0.1^2
+    assert sliding.power["sliding"] == pytest.approx([0.03], rel=0.02)
+    assert sliding.power["normal_dashpots"] == pytest.approx([0.002], rel=1e-12)
+    sticking = pm.contact_dissipation(scene, [[0.0, -1e-3], [0.0, 1e-3]])
+    assert sticking.power["tangential_dashpots"] == pytest.approx([0.7 * 4e-6], rel=1e-12)
+    assert "sliding" not in sticking.power or abs(sticking.power["sliding"][0]) < 1e-12
