@@ -175,6 +175,15 @@ def _plates(name: str, value: Any) -> None:
         positive(name, value)
 
 
+def _components(name: str, value: Any) -> None:
+    instance(name, value, Mapping)
+    known = ("xx", "yy", "zz", "xy", "xz", "yz")
+    for key, number in value.items():
+        if key not in known:
+            raise ValueError(f"{name} must name components among {', '.join(known)}, got {key!r}")
+        real(f"{name}.{key}", number)
+
+
 _count = partial(integer, at_least=1)
 _not_negative = partial(real, at_least=0.0)
 _numbers = partial(_tuple, of=real, words="numbers")
@@ -227,8 +236,8 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "JamDrive.method": _protocol,
     "QuenchDrive.method": _minimizer,
     "DeformDrive.rate": positive,
-    "DeformDrive.strain": partial(instance, kind=Mapping),
-    "DeformDrive.stress": partial(instance, kind=Mapping),
+    "DeformDrive.strain": _components,
+    "DeformDrive.stress": _components,
     "stress_tolerance": positive,
 }
 
@@ -529,9 +538,9 @@ class DeformDrive:
     pressure
         Jam the packing at this pressure first, as by pm.jam [energy_scale / diameter^d]; None: it is jammed already.
     steps
-        As of pm.deform.
+        As of pm.deform, at rest; 50 unless given.
     answer, stress_tolerance, dt
-        As of pm.deform_at_rate.
+        As of pm.deform_at_rate, in time.
 
     """
 
@@ -539,13 +548,20 @@ class DeformDrive:
     stress: Mapping[str, float] | None = None
     rate: float | None = None
     pressure: float | None = None
-    steps: int = 50
-    answer: float = 3.0
-    stress_tolerance: float = 0.02
+    steps: int | None = None
+    answer: float | None = None
+    stress_tolerance: float | None = None
     dt: float | None = None
 
     def __post_init__(self) -> None:
         _check_fields(self)
+        if not self.strain and not self.stress:
+            raise ValueError("drive.strain must be given, or drive.stress, got neither")
+        others = ("answer", "stress_tolerance", "dt") if self.rate is None else ("steps",)
+        where = "without a rate, at rest" if self.rate is None else "with a rate, in time"
+        for name in others:
+            if getattr(self, name) is not None:
+                raise ValueError(f"drive.{name} must be left out {where}, got {getattr(self, name)!r}")
 
 
 @_built_in("packmech.rheology.drives:RAMP_STRAIN")

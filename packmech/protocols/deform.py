@@ -19,6 +19,7 @@ from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans
+from packmech.effects import bonds_of, interactions_of
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
@@ -36,23 +37,27 @@ from packmech.scene import Scene
 _AXES = "xyz"
 # most strain between two looks at the stress
 _STRAIN = 1e-3
-# time in which missing stress is made up for from what was missing so far, over that in which a strain follows it
+# time over which missing stress is integrated, over that in which a strain follows it
 _MEMORY = 20.0
-# largest missing stress that a strain answers to, over the scale of the stresses
-_SHOCK = 1.0
+# largest missing stress that a strain answers to, and largest integral of it, over the scale of the stresses
+_LARGEST = 1.0
 # fraction of the shortest time of a contact that a step takes
 _STEP = 0.1
-# looks in a row at which stresses are held before the box strains, and looks after which they will not be
-_CALM, _LOOKS = 20, 20_000
+# spans in a row at whose ends stresses are held before the box strains, and spans after which they will not be
+_HELD, _SPANS = 20, 20_000
 APPROACH, STAGE = "going to the stresses", "deformation"
 
 
 class Control(NamedTuple):
-    """What is asked of a box: by components (row, column), strains at the end, and stresses that are held."""
+    """What is asked of a box: by components (row, column), strains at the end, and stresses that are held.
+
+    Missing stresses are compared with `scale`: the largest that is held, or the pressure at the start where all are 0.
+    """
 
     strain: dict[tuple[int, int], float]
     stress: dict[tuple[int, int], float]
     dimension: int
+    scale: float
 
     @property
     def end_dd(self) -> NDArray[np.float64]:
@@ -69,13 +74,17 @@ class Control(NamedTuple):
         """The (d, d) stresses that are held, 0 elsewhere."""
         return self._matrix(self.stress)
 
-    def scale(self, stress_dd: NDArray[np.float64]) -> float:
-        """Return what missing stresses are compared with: the largest that is held, or the pressure where all are 0."""
-        return float(np.abs(self.asked_dd).max()) or abs(float(np.trace(stress_dd))) / self.dimension
-
     def missing(self, stress_dd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (d, d) stress less that which is held; 0 where none is."""
         return np.where(self.held_dd, 0.5 * (stress_dd + stress_dd.T) - self.asked_dd, 0.0)
+
+    def conditions(self, stress_dd: NDArray[np.float64], tolerance: float, hint: str) -> tuple[Condition, ...]:
+        """Return what is missing of the stresses that are held, over the scale."""
+        part = np.abs(self.missing(stress_dd)) / (self.scale or 1.0)
+        return tuple(
+            Condition(f"missing stress {_AXES[i] + _AXES[j]}", float(part[i, j]), tolerance, hint=hint)
+            for i, j in self.stress
+        )
 
     def _matrix(self, values: dict[tuple[int, int], float]) -> NDArray[np.float64]:
         found = np.zeros((self.dimension, self.dimension))
@@ -86,12 +95,14 @@ class Control(NamedTuple):
 
 def _components(name: str, given: Any, dimension: int) -> dict[tuple[int, int], float]:
     """Return numbers by components of a mapping such as {"xx": -0.1}."""
-    instance(name, given, Mapping)
+    if not isinstance(given, Mapping):
+        raise TypeError(f'{name} must be a mapping of components such as {{"yy": -0.01}}, got {given!r}')
     axes = _AXES[:dimension]
     known = {a + b: (i, j) for i, a in enumerate(axes) for j, b in enumerate(axes) if i <= j}
     for key in given:
         if key not in known:
-            raise ValueError(f"{name} must name components among {', '.join(known)}, got {key!r}")
+            turned = f"; it is {key[::-1]!r} here" if isinstance(key, str) and key[::-1] in known else ""
+            raise ValueError(f"{name} must name components among {', '.join(known)}, got {key!r}{turned}")
     return {known[key]: real(f"{name}[{key!r}]", value) for key, value in given.items()}
 
 
@@ -99,7 +110,16 @@ def _control(scene: Any, strain: Any, stress: Any) -> Control:
     """Return what is asked of the box, checked."""
     instance("scene", scene, Scene)
     d = scene.packing.dimension
-    found = Control(_components("strain", strain, d), _components("stress", stress, d), d)
+    given, held = _components("strain", strain, d), _components("stress", stress, d)
+    scale = max(map(abs, held.values()), default=0.0) or abs(float(np.trace(stress_tensor(scene)))) / d
+    found = Control(given, held, d, scale)
+    pulls = bonds_of(scene.effects) is not None or interactions_of(scene.effects)
+    for (i, j), value in held.items():
+        if i == j and value >= 0.0 and not pulls:
+            raise ValueError(
+                f"stress must be below 0 for {_AXES[i] + _AXES[j]!r} where particles only push, as tension is positive "
+                f"(a compression of 0.01 is -0.01), got {value:g}"
+            )
     both = sorted(set(found.strain) & set(found.stress))
     if both:
         i, j = both[0]
@@ -118,7 +138,7 @@ class Deformation(Run):
     strain_tdd
         (T, d, d) strains since the start: integrals of the velocity gradient L over time, so that those on the
         diagonal are logarithms of ratios of lengths and those above it, "xy", shears that carry x along y [1]. Those
-        below it are 0: vectors along x keep their direction.
+        below it are 0: vectors along x keep their direction. Free shears are summed step by step.
     stress_tdd
         (T, d, d) Cauchy stresses, tension positive, in time with their kinetic parts [energy/length^d].
     packing_fraction_t
@@ -126,7 +146,8 @@ class Deformation(Run):
     contacts_t
         (T,) touching pairs.
     residual_t
-        (T,) largest net forces over the mean contact force [1].
+        (T,) largest net forces over the mean contact force [1]; `residual` is the largest of them at rest, and the last
+        one in time.
     asked
         Strains at the end and stresses held, by their components, and 0 for what neither names.
     rate
@@ -173,13 +194,8 @@ class Deformation(Run):
         """Return what is to be met: the missing stress of each component that is held, over the scale, in the mean."""
         if not len(self.stress_tdd):
             return ()
-        mean_dd = self.stress_tdd.mean(axis=0)
-        scale, missing = self.asked.scale(mean_dd), np.abs(self.asked.missing(mean_dd))
-        hint = "a lower rate" if self.rate else "a looser force_tolerance"
-        return tuple(
-            Condition(f"missing stress {_AXES[i] + _AXES[j]}", float(missing[i, j] / scale), self.tolerance, hint=hint)
-            for i, j in self.asked.stress
-        )
+        hint = "a lower rate, a shorter answer, more dashpots" if self.rate else "a looser force_tolerance"
+        return self.asked.conditions(self.stress_tdd.mean(axis=0), self.tolerance, hint)
 
     @property
     def title(self) -> str:
@@ -304,7 +320,8 @@ def deform(
     strain
         Strains at the end, as `Deformation.strain_tdd` counts them [1].
     stress
-        Cauchy stresses that are held, tension positive as `stress_tensor` has them [energy/length^d].
+        Cauchy stresses that are held, tension positive, in the units of `stress_tensor` [energy/length^d]: the pressure
+        p of `jam` is -p times `scene.pressure_unit`.
     steps
         Number of steps of strain, at the end of each of which there is a row.
     force_tolerance
@@ -369,7 +386,7 @@ class _AtRest:
         protocol, control = self.protocol, self.control
         load = None
         if control.stress:
-            # the load of components that are not held is of no matter: what they bear now
+            # components that are not held have no part in the load: they bear what they bear now
             now_dd = stress_tensor(protocol.scene)
             load = Load.of(now_dd - control.missing(now_dd) - np.triu(control.missing(now_dd), 1).T)
             outcome = PressurePath(protocol).go(load.pressure / protocol.scene.pressure_unit, load.rest_dd)
@@ -414,11 +431,16 @@ class _AtRest:
             (self.kept.strain_dd.copy(), stress_dd, packing_fraction(packing), contacts, one.residual)
         )
 
+    def _held(self) -> tuple[Condition, ...]:
+        """Return what is missing of the stresses where the run stands."""
+        stress_dd = stress_tensor(self.protocol.scene.replace(packing=self.protocol.last))
+        return self.control.conditions(stress_dd, max(self.protocol.force_tolerance, 1e-7), "a stress it can bear")
+
     def finish(self, outcome: Outcome) -> Deformation:
         """Return the run as far as it came."""
         protocol, seconds = self.protocol, time.process_time() - self.kept.began
         columns = self.kept.columns()
-        residual = float(columns["residual_t"].max(initial=0.0))
+        residual = float(columns["residual_t"].max()) if self.kept.rows else math.nan
         note = f"{len(self.kept.rows)} equilibria"
         run = Deformation(
             packing=protocol.last.replace(box=protocol.last.box.reduced()[0]).wrapped(),
@@ -428,7 +450,7 @@ class _AtRest:
             force_evaluations=self.iterations,
             seconds=seconds,
             stages=(*protocol.stages, Stage(STAGE, residual, self.iterations, self.iterations, seconds, note)),
-            unmet=unmet_conditions(outcome, *self.kept.end()),
+            unmet=unmet_conditions(outcome, *self._held(), *self.kept.end()),
             tolerance=max(protocol.force_tolerance, 1e-7),
             rearrangements=self.falls,
             **columns,
@@ -471,7 +493,8 @@ def deform_at_rate(
     strain
         Strains at the end, as `Deformation.strain_tdd` counts them, one of them not 0 [1].
     stress
-        Cauchy stresses that are held, tension positive [energy/length^d].
+        Cauchy stresses that are held, tension positive, in the units of `stress_tensor` [energy/length^d]: the pressure
+        p of `jam` is -p times `scene.pressure_unit`.
     answer
         Time in which a box as stiff as a contact follows the stress, and between looks at it [tau].
     stress_tolerance
@@ -506,7 +529,8 @@ def deform_at_rate(
     >>> effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5), pm.Friction(0.5, damping=0.1))
     >>> pressed = pm.jam(pm.Scene(start, effects), pressure=1e-2, method=pm.Press(rate=1e-3))
     >>> scene = pm.Scene(pressed.packing, effects)
-    >>> run = pm.deform_at_rate(scene, rate=1e-4, strain={"yy": -0.02}, stress={"xx": -1e-2})
+    >>> side = -1e-2 * scene.pressure_unit
+    >>> run = pm.deform_at_rate(scene, rate=1e-4, strain={"yy": -0.02}, stress={"xx": side})
     >>> bool(run.stress_tdd[-1, 1, 1] < -1.2e-2), run.outcome.name
     (True, 'FINISHED')
 
@@ -541,26 +565,26 @@ class _InTime:
         self.whole = float(np.abs(control.end_dd).max()) / rate
         self.spans = Spans(scene, dt)
         self.volume = packing_fraction(packing) * packing.box.volume
-        # the integral of the missing stress over time, over the time of its memory
-        self.made_up_dd = np.zeros((control.dimension, control.dimension))
+        # of the missing stress over time, over the time of its memory
+        self.integral_dd = np.zeros((control.dimension, control.dimension))
         self.stages: list[Stage] = []
         self.goals = control.strain
 
     def through(self, loop: RunLoop, tolerance: float) -> Outcome:
         """Go to the stresses, then through all strains."""
         spans, control = self.spans, self.control
-        scale = control.scale(spans.stress_dd)
+        scale = control.scale
         span = max(1, int(self.time / spans.dt))
         if control.stress:
-            calm, still = 0, np.zeros_like(self.direction_dd)
-            for _ in range(_LOOKS):
+            held, still = 0, np.zeros_like(self.direction_dd)
+            for _ in range(_SPANS):
                 missing = float(np.abs(control.missing(spans.stress_dd)).max())
-                calm = calm + 1 if missing <= tolerance * scale else 0
-                if calm == _CALM:
+                held = held + 1 if missing <= tolerance * scale else 0
+                if held == _HELD:
                     break
                 if not self._advance(still, span, scale):
                     return Outcome.STEP_TOO_LONG
-                self._tell(loop, APPROACH)
+                self._report(loop, APPROACH)
             else:
                 return Outcome.NOT_AT_PRESSURE
             note = f"missing stress {missing / scale:.1e} of the largest"
@@ -573,17 +597,18 @@ class _InTime:
             if not self._advance(direction_dd, min(most, left), scale):
                 return Outcome.STEP_TOO_LONG
             self._keep()
-            self._tell(loop, STAGE)
+            self._report(loop, STAGE)
         return Outcome.FINISHED
 
     def _advance(self, given_dd: NDArray[np.float64], steps: int, scale: float) -> bool:
         """Take a span of steps at the rates that are given, and at those that answer to missing stress."""
-        time_taken, most = steps * self.spans.dt, _SHOCK * scale
+        time_taken, most = steps * self.spans.dt, _LARGEST * scale
         missing = self.control.missing(self.spans.stress_dd)
-        # what is remembered does not grow while the strains go as fast as they may
-        small = np.abs(missing) <= most
-        self.made_up_dd = self.made_up_dd + np.where(small, missing, 0.0) * (time_taken / (_MEMORY * self.time))
-        gradient_dd = given_dd - self.follow * (np.clip(missing, -most, most) + self.made_up_dd)
+        # the integral does not grow while strains go as fast as they may, and always falls
+        counted = np.where((np.abs(missing) < most) | (missing * self.integral_dd < 0.0), missing, 0.0)
+        grown = self.integral_dd + np.clip(counted, -most, most) * (time_taken / (_MEMORY * self.time))
+        self.integral_dd = np.clip(grown, -most, most)
+        gradient_dd = given_dd - self.follow * (np.clip(missing, -most, most) + self.integral_dd)
         # the deformation gradient of a span is 1 + time rate, that of a constant velocity gradient its exponential
         whole_dd = expm(time_taken * gradient_dd)
         if not self.spans.advance((whole_dd - np.eye(len(whole_dd))) / time_taken, steps):
@@ -594,7 +619,7 @@ class _InTime:
     def _seconds(self) -> float:
         return time.process_time() - self.kept.began
 
-    def _tell(self, loop: RunLoop, stage: str) -> None:
+    def _report(self, loop: RunLoop, stage: str) -> None:
         loop.check_time()
         figures: dict[str, Any] = {"strain": self.kept.strain_dd, "stress": self.spans.stress_dd}
         if loop.watched:
@@ -620,7 +645,12 @@ class _InTime:
             force_evaluations=spans.steps,
             seconds=seconds,
             stages=(*self.stages, Stage(STAGE, spans.residual, steps, steps, seconds - spent, "")),
-            unmet=unmet_conditions(outcome, *spans.limits(), *self.kept.end()),
+            unmet=unmet_conditions(
+                outcome,
+                *spans.limits(),
+                *self.control.conditions(spans.stress_dd, tolerance, "a start nearer to it, more dashpots"),
+                *self.kept.end(),
+            ),
             rate=self.rate,
             tolerance=tolerance,
             **self.kept.columns(),

@@ -103,15 +103,14 @@ def _deform(drive: DeformDrive, scene: Scene, *, progress: Progress) -> Run:
             return before
         scene = scene.replace(packing=before.packing)
     given = {"strain": drive.strain or {}, "stress": drive.stress or {}}
-    asked: dict[str, Any] = {**given, "progress": progress, "check": False}
-    if drive.rate is None:
-        run = deform(scene, **asked, steps=drive.steps)
-    else:
-        named = {name: getattr(drive, name) for name in ("rate", "answer", "stress_tolerance", "dt")}
-        run = deform_at_rate(scene, **asked, **named)
+    named = {name: getattr(drive, name) for name in ("rate", "steps", "answer", "stress_tolerance", "dt")}
+    asked = {**given, **{name: value for name, value in named.items() if value is not None}}
+    call: Any = deform if drive.rate is None else deform_at_rate
+    run: Run = call(scene, **asked, progress=progress, check=False)
     if before is None:
         return run
-    return replace(run, stages=(*before.stages, *run.stages), seconds=before.seconds + run.seconds)
+    spent = {name: getattr(before, name) + getattr(run, name) for name in ("seconds", "steps", "force_evaluations")}
+    return replace(run, stages=(*before.stages, *run.stages), **spent)
 
 
 QUENCH = DriveCode(_quench, {"method": registered_minimizers})

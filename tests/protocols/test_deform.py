@@ -111,9 +111,9 @@ def test_friction_bears_shear_while_stresses_are_held():
     run = pm.deform_at_rate(scene, rate=1e-4, strain={"yy": -0.05}, stress={"xx": -pressure})
     assert run.stress_tdd[:, 0, 0].mean() == pytest.approx(-pressure, rel=0.02)
     assert run.strain_tdd[-1] == pytest.approx(np.diag([run.strain_tdd[-1, 0, 0], -0.05]), abs=1e-12)
-    most, least = -run.stress_tdd[-1, 1, 1], -run.stress_tdd[-1, 0, 0]
+    (sxx, sxy), (_, syy) = 0.5 * (run.stress_tdd[-1] + run.stress_tdd[-1].T)
     assert np.degrees(run.friction_angle_t[-1]) > 8.0
-    assert np.sin(run.friction_angle_t[-1]) >= (most - least) / (most + least)
+    assert np.sin(run.friction_angle_t[-1]) == pytest.approx(np.hypot(0.5 * (sxx - syy), sxy) / (-0.5 * (sxx + syy)))
     again = pm.deform_at_rate(scene, rate=1e-4, strain={"yy": -0.05}, stress={"xx": -pressure})
     assert (again.stress_tdd == run.stress_tdd).all() and (again.strain_tdd == run.strain_tdd).all()
     assert {"strain_yy", "stress_xx", "packing_fraction"} <= set(run.table().columns)
@@ -128,13 +128,45 @@ def test_a_stress_that_is_not_held_is_said():
     assert [one.name for one in run.unmet] == ["missing stress xx"]
 
 
+def test_a_loose_start_shrinks_to_the_stresses_and_no_further():
+    start = pm.random_packing(60, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.6, seed=2)
+    effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5), pm.Friction(0.5, damping=0.1))
+    asked = {"strain": {"xy": 0.01}, "stress": {"xx": -1e-2, "yy": -1e-2}}
+    run = pm.deform_at_rate(pm.Scene(start, effects), rate=1e-4, stress_tolerance=0.1, **asked)
+    assert (np.abs(run.stress_tdd[:, 0, 0] / -1e-2 - 1.0) < 0.5).all()
+    assert 0.78 < run.packing_fraction_t[-1] < 0.9
+
+
+def test_units_are_of_no_matter():
+    found = []
+    for energy, length in ((1.0, 1.0), (3e-7, 2.5e-3)):
+        packing = soft().packing
+        packing = packing.replace(
+            position_nd=length * packing.position_nd,
+            radius_n=length * packing.radius_n,
+            box=pm.Box(length * packing.box.lattice_dd),
+        )
+        scene = pm.Scene(packing, (pm.Repulsion(pm.Harmonic(energy)),))
+        run = pm.deform(scene, strain={"yy": -1e-3}, stress={"xx": -1.1e-2 * scene.pressure_unit}, steps=2)
+        found.append((*run.strain_tdd[-1].ravel(), *(run.stress_tdd[-1] / scene.pressure_unit).ravel()))
+    assert found[0] == pytest.approx(found[1], rel=1e-8, abs=1e-12)
+
+
+def test_a_box_that_grows_until_nothing_touches_is_unjammed():
+    run = pm.deform(soft(), strain={"xx": 0.05, "yy": 0.05}, steps=5)
+    assert run.outcome is pm.Outcome.UNJAMMED and run.stress_tdd[-1] == pytest.approx(np.zeros((2, 2)), abs=1e-8)
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"strain": {"yx": 0.1}}, "strain must name components among xx, xy, yy, got 'yx'"),
+        ({"strain": {"yx": 0.1}}, "strain must name components among xx, xy, yy, got 'yx'; it is 'xy' here"),
         ({"strain": {"zz": 0.1}}, "strain must name components among xx, xy, yy, got 'zz'"),
         ({"strain": {"xx": 0.1}, "stress": {"xx": -0.1}}, "stress must name no component whose strain is given"),
         ({"strain": {"xx": "a"}}, r"strain\['xx'\] must be a finite number"),
+        ({"strain": -0.1}, "strain must be a mapping of components such as"),
+        ({"stress": {"xx": 1e-2}}, "stress must be below 0 for 'xx' where particles only push, .*, got 0.01"),
+        ({"stress": {"yy": 0.0}}, "stress must be below 0 for 'yy'"),
         ({"strain": {}}, "strain must name a component that is not 0"),
         ({"stress": {"xx": float("nan")}}, r"stress\['xx'\] must be a finite number"),
         ({"strain": {"xx": 0.01}, "steps": 0}, "steps must be an integer at least 1"),
