@@ -595,6 +595,7 @@ BAD = {
     "start": CHOICE,
     "bound": CHOICE,
     "volume": CHOICE,
+    "CapillaryBridge.volume": POSITIVE,
     "kind": CHOICE,
     "constraint_jacobian.volume": SWITCH,
     "project_force.volume": SWITCH,

@@ -90,12 +90,16 @@ def is_record(value: object) -> bool:
 def to_table(record: Any) -> dict[str, Any]:
     """Return the record as a table; fields that are None are left out."""
     table: dict[str, Any] = {"kind": kind_of(type(record))}
+    hints = _hints(type(record))
     for name in inspect.signature(type(record)).parameters:
         value = getattr(record, name)
         if is_record(value):
             table[name] = to_table(value)
         elif isinstance(value, tuple):
             table[name] = list(value)
+        elif hints.get(name) is int and isinstance(value, float):
+            # compiled records hold all numbers alike
+            table[name] = int(value)
         elif value is not None:
             table[name] = value
     return table

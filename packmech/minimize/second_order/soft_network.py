@@ -417,9 +417,8 @@ class SoftNetwork:
         Contacts as they are; the load, or the volume, is held.
         """
         k = len(self.basis_kdd)
-        found = self.coupled(
-            np.concatenate([self.basis_kdd, shear_dd[None]]), 1e-12 * float(np.abs(self.second_c).mean())
-        )
+        stiff = float(np.abs(self.second_c).mean()) if len(self.second_c) else 0.0
+        found = self.coupled(np.concatenate([self.basis_kdd, shear_dd[None]]), 1e-12 * stiff)
         coupling, corner = found.coupling_fk, found.corner_kk.copy()
         # free strains act on what is sheared already
         corner[:k, k] += np.einsum("ab,kac,cb->k", self.gradient_dd, self.basis_kdd, shear_dd)
