@@ -481,8 +481,8 @@ def _account_bonds(bonds, account, kicks, laws, lattice, block, first):
         _supply(visiting, laws, pair, (pull.fx, pull.fy, pull.fz))
         late, early = _taken(visiting, laws, pair, (pull.fx, pull.fy, pull.fz), pull.on_i, pull.on_j)
         if r > 0.0:
-            first = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b])
-            normal = _taken(visiting, laws, pair, (first / r * dx, first / r * dy, first / r * dz), _NOTHING, _NOTHING)
+            slope = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b]) / r
+            normal = _taken(visiting, laws, pair, (slope * dx, slope * dy, slope * dz), _NOTHING, _NOTHING)
             _add(visiting, BONDS, normal[0], normal[1])
             late -= normal[0]
             early -= normal[1]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.account import BREAKING, ENERGY, FIGURES, SHIFT, STORED, Account, new_account
-from packmech.effects import Mindlin, bonds_of, friction_of, langevin_of, memory_columns
+from packmech.effects import Mindlin, friction_of, langevin_of, memory_columns
 from packmech.minimize.passes.pair_list import Track
 from packmech.scene import Scene
 
@@ -95,7 +95,7 @@ class Book:
 def refuse_unknown(argument: str, scene: Scene) -> None:
     """Refuse what no channel is known of.
 
-    Bonds, heat baths, interactions that remember, Mindlin's springs, rigid links, and shapes in space, which turn
+    Heat baths, interactions that remember, Mindlin's springs, rigid links, and shapes in space, which turn
     without torques.
 
     Parameters
@@ -107,12 +107,6 @@ def refuse_unknown(argument: str, scene: Scene) -> None:
 
     """
     packing, shapes = scene.packing, scene.packing.shapes
-    bonds = bonds_of(scene.effects)
-    if bonds is not None:
-        raise ValueError(
-            f"{argument} must have no bonds where energies are accounted for, got {len(bonds)}; leave them out with "
-            "scene.without(pm.Bonds)"
-        )
     friction = friction_of(scene.effects)
     unknown = {
         "Langevin": langevin_of(scene.effects) is not None,

@@ -77,7 +77,7 @@ class ContactDissipation:
         return sum(self.by_channel.values())
 
 
-@honors("repulsion damping friction rolling interactions gravity walls drag held shapes")
+@honors("repulsion damping friction rolling bonds interactions gravity walls drag held shapes breaking")
 def contact_dissipation(
     scene: Scene,
     velocity_nd: ArrayLike,
@@ -90,7 +90,7 @@ def contact_dissipation(
     Dashpots take coefficient times rate squared. A contact at Coulomb's cap takes the tangential force times its slip,
     less what its spring gains; so do rolling and twisting, all three as they are after a hundredth of the
     shortest time of a contact: an error of the order of a percent. The springs are those of the packing's tangential
-    displacements, as runs through time leave them.
+    displacements, as runs through time leave them; bonds' are slack.
 
     Parameters
     ----------

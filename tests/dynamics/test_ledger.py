@@ -1,6 +1,7 @@
 """Facts about the ledger of runs through time: it closes but for rounding, and channels are those of closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -140,6 +141,18 @@ def test_a_pile_under_gravity_between_walls_closes_and_loses_to_walls():
     assert ledger.stored["bodies"][-1] < ledger.stored["bodies"][0]
 
 
+def test_bonds_that_break_give_up_their_energy_to_breaking():
+    scene = jammed(SPRING, count=40)
+    bonds = pm.bond_contacts(
+        scene.packing, compression=pm.LinearSpring(), tangential_stiffness=0.3, damping=0.2, tangential_damping=0.1
+    )
+    weak = replace(bonds, breaks_at=pm.BondLimits(tension=0.02))
+    run = pm.ramp_strain(scene.replace(effects=(SPRING, SMOOTH, weak)), rate=0.02, applied_strain=0.2, ledger=True)
+    assert len(run.broken_bonds)
+    ledger = closed(run)
+    assert {"normal_dashpots", "bond_dashpots", "breaking"} == set(ledger.dissipated)
+
+
 def test_ellipses_with_friction_close():
     scene = jammed(*GRAINS, count=40)
     shapes = pm.Spheroids(np.full(40, 1.5), np.eye(2)[np.arange(40) % 2])
@@ -218,11 +231,16 @@ def test_a_step_that_is_too_long_for_one_contact_is_seen_and_that_contact_is_nam
     assert "does not close" in repr(ledger)
 
 
-def test_bonds_links_and_spheroids_in_space_are_refused_by_name():
+def test_what_the_ledger_does_not_know_is_refused_by_name():
     scene = jammed(SPRING, count=16)
-    bonded = scene.replace(effects=(SPRING, pm.bond_contacts(scene.packing)))
-    with pytest.raises(ValueError, match="no bonds where energies are accounted for"):
-        pm.simulate(bonded, steps=1, ledger=True)
+    others = {
+        "Langevin": (SPRING, pm.Langevin(1e-6, 0.1)),
+        "interactions that remember": (pm.JKR(1.0, 1e-3),),
+        "Mindlin's springs": (pm.Repulsion(pm.Hertz()), pm.Friction(0.5, pm.Mindlin(0.3))),
+    }
+    for name, effects in others.items():
+        with pytest.raises(ValueError, match=f"no {name} where energies are accounted for"):
+            pm.simulate(scene.replace(effects=effects), steps=1, ledger=True)
     link = pm.Links([0], [1], [[0, 0]], [1.0])
     dimer = pm.Packing([[1.0, 2.0], [2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2), link, [1.0, 1.0])
     with pytest.raises(ValueError, match="rigid links where energies are accounted for, got 1 links"):
