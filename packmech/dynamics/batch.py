@@ -229,7 +229,7 @@ def _part_of_frame(system, plan, doing, control_k):
     count_k, number_k = plan.count_k, plan.number_k
     if count_k[STATUS] != RUNNING:
         return count_k[STATUS], False
-    acting, axes, state, links, space, pairs, track, _ = system
+    acting, axes, state, links, space, pairs, track, account = system
     profile = space.flow.profile
     if doing == FRESH:
         begin, end = count_k[STEPS] * plan.dt, (count_k[STEPS] + plan.steps) * plan.dt
@@ -237,7 +237,7 @@ def _part_of_frame(system, plan, doing, control_k):
         count_k[LEFT] = plan.steps
     friction = _friction_of_frame(acting.friction, plan, doing, control_k)
     now = EngineSystem(
-        Acting(acting.pairs, acting.bodies, friction, acting.shapes), axes, state, links, space, pairs, track
+        Acting(acting.pairs, acting.bodies, friction, acting.shapes), axes, state, links, space, pairs, track, account
     )
     rule = Rule(plan.dt, plan.second_order, number_k[REACH])
     start = REST_OF_STEP if doing == NEW_LISTS else WHOLE_STEP
@@ -283,9 +283,9 @@ def _frame(batch, b, doing, control_k):
         status, outside = _part_of_frame(system, plan, doing, control_k)
         if status != SEARCH:
             return status == RUNNING, outside
-        acting, axes, state, links, space, pairs, track, _ = system
+        acting, axes, state, links, space, pairs, track, account = system
         pairs, track = follow(axes, state.body, space, pairs, track)
-        batch[b] = (EngineSystem(acting, axes, state, links, space, pairs, track), plan)
+        batch[b] = (EngineSystem(acting, axes, state, links, space, pairs, track, account), plan)
         doing = NEW_LISTS
 
 
