@@ -61,7 +61,15 @@ from packmech.effects import (
     pair_first,
     pair_second,
 )
-from packmech.effects.interaction import PairLaw, bring_memory, memory_at, memory_size, remembering_law, remembers
+from packmech.effects.interaction import (
+    PairLaw,
+    bring_memory,
+    memory_at,
+    memory_size,
+    remembering_law,
+    remembering_slope,
+    remembers,
+)
 from packmech.effects.pair import hook_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, inlined
@@ -326,6 +334,17 @@ def _remembering_law(effects, laws, pair, r):
     return PairLaw(energy, first, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
 
 
+@inlined
+def _slope_alone(effects, laws, pair, r):
+    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    column = len(spring_columns(laws.friction, laws.axes))
+    first = 0.0
+    for one in literal_unroll(effects):
+        first += remembering_slope(one, r, sigma, 1.0, memory_at(one, laws.stretch_pk, pair.p, column))
+        column += memory_size(one)
+    return PairLaw(0.0, first, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+
+
 def law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
     """Return the PairLaw of a pair's interactions and the slopes of its alignment along rotations of i."""
     raise NotImplementedError("pairs are visited in compiled loops")
@@ -334,6 +353,20 @@ def law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
 @compiled_form(law_of_pair, inline=True)
 def _choose_law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
     return _remembering_law if any(remembers(one) for one in effects) else _forgetful_law
+
+
+@inlined
+def _slope_of_discs(shapes, effects, laws, pair, r):
+    return _slope_alone(effects, laws, pair, r)
+
+
+@inlined
+def _slopes_of_shapes(shapes, effects, laws, pair, r):
+    return law_of_pair(effects, laws, pair, r)
+
+
+# the same without energies and second derivatives, where a scene has discs or spheres alone
+_slopes_of_pair = by_type(_slopes_of_shapes, {type(None): _slope_of_discs})
 
 
 @inlined
@@ -357,15 +390,20 @@ def _choose_remember(effects: Any, laws: Any, pair: Any) -> Any:
 
 
 @inlined
+def _pull_of_law(pair, r, law, x, y, z):
+    push = law.first / r if r > 0.0 else 0.0
+    x, y, z = law.turning * x, law.turning * y, law.turning * z
+    return Pull(
+        push * pair.dx, push * pair.dy, push * pair.dz, (-x, -y, -z), (x, y, z), abs(law.first), _NO_SPRING, None
+    )
+
+
+@inlined
 def pull_beyond(effects, laws, pair):
     """Return the energy of a pair's interactions, touching or not, and what these do to the two rows."""
     r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
     law, x, y, z = law_of_pair(effects, laws, pair, r)
-    push = law.first / r if r > 0.0 else 0.0
-    x, y, z = law.turning * x, law.turning * y, law.turning * z
-    return law.energy, Pull(
-        push * pair.dx, push * pair.dy, push * pair.dz, (-x, -y, -z), (x, y, z), abs(law.first), _NO_SPRING, None
-    )
+    return law.energy, _pull_of_law(pair, r, law, x, y, z)
 
 
 def has_interactions(effects: Any) -> bool:
@@ -381,7 +419,9 @@ def push_beyond(effects: Any, pushing: Pushing, laws: ContactLaws, pair: Pair) -
 @inlined
 def _push_beyond(effects, pushing, laws, pair):
     remember(effects, laws, pair)
-    _, pull = pull_beyond(effects, laws, pair)
+    r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
+    law, x, y, z = _slopes_of_pair(laws.shapes, effects, laws, pair, r)
+    pull = _pull_of_law(pair, r, law, x, y, z)
     add_force(laws.axes, pushing.spins, pushing.push, pair.i, pull)
     if pair.slot == NO_SLOT:
         add_reaction(laws.axes, pushing.spins, pushing.push, pair.j, pull)

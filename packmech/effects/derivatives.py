@@ -187,6 +187,11 @@ def check_interaction(what: str, effect: Any) -> None:
     places = []
     for sigma in _CONTACT_DISTANCES:
         reach = float(effect.reach(sigma))
+        if getattr(type(effect), "memory", 0) and reach < sigma:
+            raise ValueError(
+                f"{what}.reach must be the contact distance or more, as the effect remembers, got {reach:.6g} at "
+                f"contact distance {sigma:g}"
+            )
         beyond = reach - sigma if reach > sigma else 0.0
         at = [part * reach for part in _PARTS_OF_REACH]
         # a short range beyond contact is looked at by itself, but not where distances are rounded to too large a part

@@ -19,6 +19,7 @@ each, `memory = 1`, and defines
 
     remember(self, distance, contact_distance, memory)      the numbers (a tuple) at this distance, from those before
 
+It reaches as far as contact at least: `reach` is not asked where particles touch.
 The hooks above, all but `reach`, then take the numbers as their last argument. They are 0 for pairs that come within
 reach, and again beyond it. Time steps ask for new ones before each force, at rest they are those that the packing holds
 (`TangentialDisplacements.memory_ck`), or zeros, brought to the distance of the pair: what was remembered once is
@@ -147,7 +148,7 @@ def _choose_remembered(effect: Any, distance: Any, contact_distance: Any, memory
     assert reach is not None and hook is not None
 
     def numbers(effect, distance, contact_distance, memory):  # type: ignore[no-untyped-def]
-        if distance >= reach(effect, contact_distance):
+        if distance >= contact_distance and distance >= reach(effect, contact_distance):
             return nothing
         return hook(effect, distance, contact_distance, memory)
 
@@ -241,6 +242,37 @@ def _choose_remembering_law(effect: Any, distance: Any, contact_distance: Any, a
         return PairLaw(whole, first, turning, second, mixed, bending)
 
     return law
+
+
+def remembering_slope(
+    effect: Any, distance: float, contact_distance: float, alignment: float, memory: tuple[float, ...]
+) -> float:
+    """Return the derivative by distance alone, which is all that forces between discs and spheres ask for."""
+    return remembering_law(effect, distance, contact_distance, alignment, memory).first
+
+
+@compiled_form(remembering_slope)
+def _choose_remembering_slope(effect: Any, distance: Any, contact_distance: Any, alignment: Any, memory: Any) -> Any:
+    if not is_interaction(effect):
+        return lambda effect, distance, contact_distance, alignment, memory: 0.0
+    reach, firsts = hook_of(effect, "reach"), hook_of(effect, "interaction_first")
+    assert reach is not None and firsts is not None
+    if not remembers(effect):
+
+        def forgetful(effect, distance, contact_distance, alignment, memory):  # type: ignore[no-untyped-def]
+            if distance >= reach(effect, contact_distance):
+                return 0.0
+            return firsts(effect, distance, contact_distance, alignment)[0]
+
+        return forgetful
+
+    def slope(effect, distance, contact_distance, alignment, memory):  # type: ignore[no-untyped-def]
+        # what remembers reaches as far as contact at least
+        if distance >= contact_distance and distance >= reach(effect, contact_distance):
+            return 0.0
+        return firsts(effect, distance, contact_distance, alignment, memory)[0]
+
+    return slope
 
 
 def reach_beyond_contact(effects: tuple[Any, ...], radius_n: NDArray[np.float64]) -> float:

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import quad
 
 import packmech as pm
+from packmech.effects.cohesion import jkr_root
 
 W, E, SIGMA = 0.01, 2.0, 1.0
 RADIUS = 0.25
@@ -357,3 +358,18 @@ def test_what_remembers_is_refused_where_nothing_could_be_remembered():
 
             def pair_energy(self, distance, contact_distance):
                 return 0.0
+
+
+def test_the_jkr_root_is_that_of_newtons_method_from_breaking_to_deep_overlaps():
+    least = 0.25 ** (1.0 / 3.0)
+    for depth in np.logspace(-14, 6, 2001):
+        overlap = float(depth - 0.75 * least)
+        x = max((overlap + 1.0) ** 0.25, 1.01 * least)
+        for _ in range(60):
+            change = (x**4 - x - overlap) / (4.0 * x**3 - 1.0)
+            x = max(x - change, least)
+            if abs(change) < 1e-15 * x or x == least:
+                break
+        # rounding of the overlap moves a root near breaking by that over the slope
+        slope = max(4.0 * x**3 - 1.0, math.sqrt(6.0 * 4.0 * least**2 * depth))
+        assert abs(jkr_root(overlap) - x) < 1e-14 * x + 4e-16 / slope
