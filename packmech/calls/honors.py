@@ -64,7 +64,7 @@ INSTEAD = {
     "links": "pm.simulate or pm.jam",
     "shapes": "pm.jam or pm.quench",
     "breaking": "pm.simulate or pm.ramp_strain",
-    "memory": "pm.simulate with dashpots",
+    "memory": "pm.simulate",
 }
 # what no call honors in one scene, and what to do instead of leaving one of them out
 _NOT_BESIDE = {

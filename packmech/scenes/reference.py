@@ -13,6 +13,7 @@ import tomli_w
 
 from packmech.calls.docstrings import first_sentence, meanings_of
 from packmech.effects import registered_effects, registered_laws
+from packmech.effects.materials import Material
 from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
 from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds
@@ -135,8 +136,11 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
     lines += ["", "[packing]"]
     lines += _table_lines(tables["packing"], PACKINGS, NESTED | nested, ("folder",))
+    if "material" in tables:
+        lines += ["", "[material]", *_comment(first_sentence(Material))]
+        lines += _field_lines(tables["material"], Material, {}, ())
     acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
-    for one in tables["effects"]:
+    for one in tables.get("effects", ()):
         lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS, ("packing",))]
     if "drive" in tables:
         cls = registered_drives()[tables["drive"]["kind"]]
@@ -151,8 +155,14 @@ def _table_lines(
     kind = table["kind"]
     others = ", ".join(f'"{name}"' for name in kinds if name != kind)
     lines = _comment(f"{first_sentence(kinds[kind])} Others: {others}")
-    lines.append(f"kind = {_inline(kind)}")
-    for field in fields_of(kinds[kind], nested, given=given):
+    return [*lines, f"kind = {_inline(kind)}", *_field_lines(table, kinds[kind], nested, given)]
+
+
+def _field_lines(
+    table: Mapping[str, Any], maker: Maker, nested: Mapping[str, Kinds], given: tuple[str, ...]
+) -> list[str]:
+    lines: list[str] = []
+    for field in fields_of(maker, nested, given=given):
         words = field.meaning
         if field.name in nested:
             words += f" Kinds: {', '.join(nested[field.name])}."
