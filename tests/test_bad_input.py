@@ -243,6 +243,14 @@ BAD = {
     "rest": CHOICE,
     **{name: [NAN, INF, "1", None, True] for name in ("x", "y", "z", "low", "high")},
     **{f"Langevin.{name}": [NAN, INF, -1.0, "1", None, True] for name in ("temperature", "rate")},
+    **{
+        name: [NAN, INF, -1.0, "1", None, True]
+        for name in (
+            *("JKR.modulus", "JKR.adhesion", "DMT.adhesion", "DMT.separation", "DMT.cut"),
+            *("ShortRangeAttraction.energy_scale", "ShortRangeAttraction.width"),
+            *("CapillaryBridge.surface_tension", "CapillaryBridge.contact_angle"),
+        )
+    },
     "Langevin.seed": [NAN, INF, -1, 0.5, 1 << 53, "1", None, True],
     "BackgroundDamping.rate": [NAN, INF, -1.0, "1", None, True],
     "Walls.axis": [NAN, -1.0, 0.5, 3.0, "1", None],

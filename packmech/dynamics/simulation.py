@@ -515,7 +515,7 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
         None if every is None else integer("trace_every", every, at_least=1),
         table["trace_positions"],
         table["start"],
-        bool(table.get("ledger", False)),
+        bool(table["ledger"]),
     )
 
 

@@ -211,7 +211,7 @@ class JKR(NamedTuple):
     --------
     >>> contact = JKR(modulus=1.0, adhesion=0.01)
     >>> at_touch = contact.interaction_first(1.0, 1.0, 1.0, (1.0,))[0]
-    >>> round(at_touch / (1.5 * math.pi * 0.01 * 0.25), 6)  # 8/9 of the pull-off force
+    >>> round(float(at_touch) / (1.5 * math.pi * 0.01 * 0.25), 6)  # 8/9 of the pull-off force
     0.888889
 
     """

@@ -100,7 +100,7 @@ def soft_spots(modes: Modes, count: int | None = None, *, particles: int | None 
     >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4)).replace(mass_n=[1.0] * 16)
     >>> modes = pm.normal_modes(pm.Scene(crystal, (pm.Repulsion(),)))
     >>> spots = pm.soft_spots(modes)
-    >>> abs(float(spots.vibrality_n.sum()) / (1.0 / modes.eigenvalue_m).sum() - 1.0) < 1e-12
+    >>> bool(abs(spots.vibrality_n.sum() / (1.0 / modes.eigenvalue_m).sum() - 1.0) < 1e-12)
     True
 
     """
