@@ -121,6 +121,8 @@ def budget(name: str, value: Any) -> int | None:
 
 LINKS = ("refuse", "bonds")
 LEFT_OUT = ("refuse", "leave out")
+# hooks of effects that act at rest, or never rest, and that minimizers of batches do not know
+NOT_IN_BATCHES = ("interaction_energy", "bath_rate")
 
 
 def scene_of(scene: Any) -> pm.Scene:
@@ -246,8 +248,8 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse", friction: str = "refus
 
     Dashpots do nothing at rest and are left out. Friction has no energy that a minimum could be of: its tangential
     springs stretch as particles move and turn in time, and a minimizer, which takes no time, would end in another
-    packing for every way down. It is refused unless it is to be left out, as are bonds; gravity and walls are refused,
-    as a packing between walls is another one than that in the box alone.
+    packing for every way down. It is refused unless it is to be left out, as are bonds. Gravity, walls, thermal noise
+    and cohesion are refused: a packing with them is another one than that without.
 
     Parameters
     ----------
@@ -291,6 +293,11 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse", friction: str = "refus
             )
         elif hasattr(type(one), "pair_energy"):
             kept.append(one)
+        elif any(hasattr(type(one), hook) for hook in NOT_IN_BATCHES):
+            raise ValueError(
+                f"scene must have no {type(one).__name__} here, which minimizers of batches do not know, "
+                f"got effects[{k}]: leave it out with scene.without(pm.{type(one).__name__})"
+            )
     if not kept:
         raise ValueError("scene must have an effect with an energy, such as Repulsion(), got none")
     return scene if len(kept) == len(scene.effects) else scene.replace(effects=tuple(kept))

@@ -37,6 +37,11 @@ def test_every_shipped_scene_can_be_sheared_with_bonds_in_place_of_links_and_que
             with pytest.raises(ValueError, match="no Gravity here"):
                 quenchable(scene, bonds="leave out", friction="leave out")
             continue
+        foreign = [type(one) for one in scene.effects if isinstance(one, pm.JKR | pm.Langevin)]
+        if foreign:
+            with pytest.raises(ValueError, match=f"no {foreign[0].__name__} here"):
+                quenchable(scene, bonds="leave out", friction="leave out")
+            continue
         quenched = quenchable(scene, bonds="leave out", friction="leave out")
         assert quenched.packing == scene.packing
         assert all(isinstance(one, pm.Repulsion) for one in quenched.effects)
