@@ -230,7 +230,7 @@ def _part_of_frame(system, plan, doing, control_k):
     if count_k[STATUS] != RUNNING:
         return count_k[STATUS], False
     acting, axes, state, links, space, pairs, track, account = system
-    profile = space.flow.profile
+    profile = space.flow.course
     if doing == FRESH:
         begin, end = count_k[STEPS] * plan.dt, (count_k[STEPS] + plan.steps) * plan.dt
         number_k[FASTEST] = extend_path(profile, plan.control, begin, end, control_k) * plan.dt

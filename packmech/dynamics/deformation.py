@@ -77,6 +77,22 @@ class Driven(NamedTuple):
     number_k: NDArray[np.float64]
 
 
+class Course(NamedTuple):
+    """A profile of any kind as compiled loops take it, so that they are compiled once for all: its kind and numbers.
+
+    The numbers of a `Driven` one are its own.
+    """
+
+    kind: int
+    number_k: NDArray[np.float64]
+
+
+def course_of(profile: Any) -> Course:
+    """Return a profile as compiled loops take it."""
+    kind = _KINDS.index(type(profile))
+    return Course(kind, profile.number_k if isinstance(profile, Driven) else np.array(profile, dtype=np.float64))
+
+
 # what extends a path: the strain at the end of its next piece, the rate there, or the strain and the rate at its end
 END_STRAIN, MEAN_RATE, END_STRAIN_AND_RATE = 0, 1, 2
 
@@ -175,21 +191,37 @@ def _driven(profile, time):
 
 
 _GAMMA = {Still: _still, Ramp: _ramp, Sine: _sine, Increments: _increments, Driven: _driven}
+_KINDS = tuple(_GAMMA)
+
+
+@device
+def _course(course, time):
+    # in the order of the kinds
+    n = course.number_k
+    if course.kind == 4:
+        return _driven(Driven(n), time)
+    if course.kind == 3:
+        return _increments(Increments(n[0], n[1], n[2], n[3], n[4]), time)
+    if course.kind == 2:
+        return _sine(Sine(n[0], n[1], n[2], n[3]), time)
+    if course.kind == 1:
+        return _ramp(Ramp(n[0], n[1], n[2], n[3]), time)
+    return _still(Still(n[0]), time)
 
 
 @compiled_form(gamma_at)
-def _choose_gamma_at(profile: Any, time: Any) -> Any:
-    return _GAMMA[profile.instance_class]
+def _choose_gamma_at(course: Any, time: Any) -> Any:
+    return _course
 
 
 class Flow(NamedTuple):
-    """A box that deforms: profile, M, F and lattice now, and the numbers named above.
+    """A box that deforms: the course of its profile, M, F and lattice now, and the numbers named above.
 
     direction_dd is M; lattice_dd the lattice that the loops use, at gamma = 0; frame_dd and inverse_dd the arrays of
     the frame that follow it. step_dd and back_dd hold G and its inverse over half a step, rate_dd L.
     """
 
-    profile: Any
+    course: Course
     direction_dd: NDArray[np.float64]
     lattice_dd: NDArray[np.float64]
     rate_dd: NDArray[np.float64]
@@ -265,7 +297,7 @@ def entries(matrix):
 @inner_lean
 def flow_to(flow, frame, time):
     """Set gamma, L, and the frame's lattice and inverse to those of a time."""
-    gamma, rate = gamma_at(flow.profile, time)
+    gamma, rate = gamma_at(flow.course, time)
     flow.number[GAMMA] = gamma
     direction, work = flow.direction_dd, flow.work_dd
     for i in range(3):
@@ -397,7 +429,7 @@ def relative(rates, axes, body, i, j, dx, dy, dz):
 @device
 def rates_at(flow, time):
     """Return L at a time as `rates` does."""
-    gamma, rate = gamma_at(flow.profile, time)
+    gamma, rate = gamma_at(flow.course, time)
     a = flow.step_dd
     _bend(flow, gamma, a)
     return (
@@ -409,9 +441,9 @@ def rates_at(flow, time):
 @device
 def maps_of_step(flow, time, dt):
     """Return what a step of the box does: to places, to peculiar velocities, and to displacements at half time."""
-    start = gamma_at(flow.profile, time)[0]
-    middle = gamma_at(flow.profile, time + 0.5 * dt)[0]
-    end = gamma_at(flow.profile, time + dt)[0]
+    start = gamma_at(flow.course, time)[0]
+    middle = gamma_at(flow.course, time + 0.5 * dt)[0]
+    end = gamma_at(flow.course, time + dt)[0]
     # all of these commute
     map_between(flow, start, end, flow.step_dd)
     places = entries(flow.step_dd)

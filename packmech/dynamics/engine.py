@@ -37,6 +37,7 @@ from packmech.dynamics.deformation import (
     Driven,
     Flow,
     Still,
+    course_of,
     gamma_at,
     set_flow,
 )
@@ -724,7 +725,7 @@ class Engine:
         """Let the box deform in another way from here on; both are of one kind."""
         self.profile = profile
         if self.space.flow is not None:
-            self.space = self.space._replace(flow=self.space.flow._replace(profile=profile))
+            self.space = self.space._replace(flow=self.space.flow._replace(course=course_of(profile)))
         self.wrap_every = _steps_between_wraps(profile, self.direction_dd, self.dt)
 
 
@@ -746,7 +747,7 @@ def make_flow(profile: Any, direction_dd: NDArray[np.float64], box: Box) -> Flow
     number = np.zeros(NUMBERS)
     number[NILPOTENT] = not (direction @ direction).any()
     number[ALONG_X] = direction[0, 1] != 0.0 and np.count_nonzero(direction) == 1
-    return Flow(profile, direction, lattice, np.zeros((3, 3)), np.eye(3), np.eye(3), np.eye(3), number)
+    return Flow(course_of(profile), direction, lattice, np.zeros((3, 3)), np.eye(3), np.eye(3), np.eye(3), number)
 
 
 def _numbers(profile: Any) -> NDArray[np.float64]:

@@ -281,7 +281,7 @@ def strain_of(flow, time):
     """Return gamma and its rate; zeros where nothing deforms."""
     if flow is None:
         return 0.0, 0.0
-    return flow.number[GAMMA], gamma_at(flow.profile, time)[1]
+    return flow.number[GAMMA], gamma_at(flow.course, time)[1]
 
 
 @inlined

@@ -248,7 +248,7 @@ def kick_and_drift_rows(flow, axes, state, rows, time, split):
     if flow is None:
         return _drift_along_x(axes, state, rows, 0.0, split)
     if flow.number[ALONG_X] != 0.0:
-        shear = gamma_at(flow.profile, time + split.dt)[0] - gamma_at(flow.profile, time)[0]
+        shear = gamma_at(flow.course, time + split.dt)[0] - gamma_at(flow.course, time)[0]
         return _drift_along_x(axes, state, rows, shear * flow.direction_dd[0, 1], split)
     return _drift_in_any_flow(flow, axes, state, rows, time, split)
 

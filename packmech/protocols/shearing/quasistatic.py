@@ -27,7 +27,7 @@ from packmech.protocols.pressure_path import PressurePath
 from packmech.protocols.protocol import Protocol, check_jammed, finish
 from packmech.protocols.shearing.avalanche import Avalanche
 from packmech.protocols.shearing.sheared_lattice import ShearedLattice
-from packmech.protocols.shearing.strain_path import HALVINGS, Located, Pairs, Sheared, StrainPath, work_between
+from packmech.protocols.shearing.strain_path import WIDTH, Located, Pairs, Sheared, StrainPath, work_between
 from packmech.result import Condition, Outcome, Row, Run, Stage, csv_text, unmet_conditions
 from packmech.scene import Scene
 
@@ -502,7 +502,7 @@ class _Shear:
         if not path.sound:
             return Outcome.STALLED
         self._keep(path.now, 0.0, float(goals[0]))
-        self.shortest = abs(float(goals[0])) * 0.5**HALVINGS
+        self.shortest = min(WIDTH, abs(float(goals[0])))
         for goal in goals.tolist():
             while path.now.strain != goal:
                 ended = self._towards(path, goal)

@@ -14,7 +14,7 @@ from packmech.contacts.rattlers import rattlers_of
 from packmech.measure.contact_forces import resting_forces
 from packmech.measure.displacements import displacements
 from packmech.minimize.second_order.soft_network import Load, Response, SoftNetwork, scaled_load
-from packmech.minimize.second_order.soft_newton import SoftState, descend, newton
+from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, newton
 from packmech.packing import Packing
 from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import Protocol
@@ -25,8 +25,9 @@ Pairs = frozenset[tuple[int, ...]]
 
 # an equilibrium this near where the tangent leads, over the way, is the same one gone on; and rounding [diameter]
 _CORRECTED, _ROUNDED = 2.0, 1e-8
-# halvings of a step before contacts are let rearrange
-HALVINGS = 10
+# strain behind its last equilibrium by which a packing that does not go on is taken to fall: the same for steps of any
+# length, as it falls to other packings from farther behind; and by how much more where it finds no balance so near
+WIDTH, _WIDER = 1e-8, (1.0, 10.0, 100.0)
 # part of the way to a predicted change that is left at the next tangent; tangents on either side, and the strain before
 # or behind the change that is near enough
 _LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
@@ -231,8 +232,8 @@ class StrainPath:
         """
         reached = self.now
         if way is None:
-            # a part more than the last halving leaves, which rounding may make longer
-            lengths = StepLengths(growth=math.inf, shortest=1.001 * abs(strain - reached.strain) * 0.5**HALVINGS)
+            # the last halving leaves half of it at least, which rounding may make longer
+            lengths = StepLengths(growth=math.inf, shortest=min(1.001 * WIDTH, abs(strain - reached.strain)))
         else:
             lengths = StepLengths(way, shortest=2.001 * way, left=way)
         for one in follow(self._reach, reached, reached.strain, strain, lengths, self._fall):
@@ -249,14 +250,22 @@ class StrainPath:
         return None if found is None else Step(found, further)
 
     def _fall(self, start: Sheared, strain: float, further: float) -> Step[Sheared, str]:
-        return Step(self._fallen(start, further), further, "fall")
+        for wider in _WIDER:
+            at = start.strain + wider * (further - start.strain)
+            if abs(at - start.strain) >= abs(strain - start.strain):
+                at = strain
+            fallen = self._fallen(start, at)
+            # contacts that have just opened push next to nothing, and what is left of balance looks like rest
+            if at == strain or (self.sound and fallen.residual <= self._gone_on):
+                break
+        return Step(fallen, at, "fall")
 
     def _fallen(self, start: Sheared, strain: float) -> Sheared:
         """Return the equilibrium that an unstable packing falls to."""
         still = np.zeros_like(start.answer.u_nd)
         packing = self.lattice.moved_on(start.packing, start.strain, strain, still, self.shear_dd)
         units, basis = self.protocol.units, self.protocol.basis_kdd
-        state = descend(packing, units, basis, self.load)
+        state = find_bottom(packing, units, basis, self.load, self.tolerance)
         self.iterations += state.iterations
         if not state.sound(self.tolerance) and packing.plain:
             state = self._relaxed_by_fire(packing)
