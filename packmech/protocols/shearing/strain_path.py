@@ -236,7 +236,11 @@ class StrainPath:
             lengths = StepLengths(growth=math.inf, shortest=min(1.001 * WIDTH, abs(strain - reached.strain)))
         else:
             lengths = StepLengths(way, shortest=2.001 * way, left=way)
-        for one in follow(self._reach, reached, reached.strain, strain, lengths, self._fall):
+
+        def fall(start: Sheared, place: float, further: float) -> Step[Sheared, str]:
+            return self._fall(start, further, strain)
+
+        for one in follow(self._reach, reached, reached.strain, strain, lengths, fall):
             self.now = one.after
             if one.event is not None:
                 return reached, one.after
@@ -245,20 +249,25 @@ class StrainPath:
                 break
         return reached, None
 
-    def _reach(self, start: Sheared, strain: float, further: float) -> Step[Sheared, str] | None:
+    def _reach(self, start: Sheared, place: float, further: float) -> Step[Sheared, str] | None:
         found = self.at(start, further)
         return None if found is None else Step(found, further)
 
-    def _fall(self, start: Sheared, strain: float, further: float) -> Step[Sheared, str]:
+    def _fall(self, start: Sheared, further: float, goal: float) -> Step[Sheared, str]:
+        sound: Step[Sheared, str] | None = None
         for wider in _WIDER:
             at = start.strain + wider * (further - start.strain)
-            if abs(at - start.strain) >= abs(strain - start.strain):
-                at = strain
-            fallen = self._fallen(start, at)
-            # contacts that have just opened push next to nothing, and what is left of balance looks like rest
-            if at == strain or (self.sound and fallen.residual <= self._gone_on):
+            if abs(at - start.strain) >= abs(goal - start.strain):
+                at = goal
+            step = Step(self._fallen(start, at), at, "fall")
+            # contacts that have just opened push next to nothing: what is not quite balance looks like rest
+            if self.sound and step.after.residual <= self._gone_on:
+                return step
+            sound = step if self.sound else sound
+            if at == goal:
                 break
-        return Step(fallen, at, "fall")
+        self.sound = sound is not None
+        return sound or step
 
     def _fallen(self, start: Sheared, strain: float) -> Sheared:
         """Return the equilibrium that an unstable packing falls to."""
