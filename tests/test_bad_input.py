@@ -696,6 +696,7 @@ BAD = {
     "neighbors": ["nearest", 3, None, pm.find_neighbors(lone_particle(), "contact")],
     "find_neighbors.rule": CHOICE,
     "cutoff": POSITIVE,
+    "smallest_drop": [one for one in POSITIVE if one is not None],
     "soft_spots.count": [0, -1, 1.5, "2", 1000],
     "soft_spots.particles": [0, -1, 1.5, "2", 1000],
     "local_strain.cutoff": [one for one in POSITIVE if one is not None],

@@ -7,6 +7,11 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.jit.blas import single_thread
+from packmech.loop.run_loop import run_settings
+from packmech.protocols.shearing.quasistatic import _protocol
+from packmech.protocols.shearing.sheared_lattice import ShearedLattice
+from packmech.protocols.shearing.strain_path import StrainPath
 
 
 @functools.cache
@@ -201,13 +206,34 @@ def test_an_avalanche_holds_both_packings_and_what_moved_between_them():
     assert pm.displacements(event.before, back).mean_square > 0.5 * event.displacements.mean_square
 
 
-def test_a_fall_that_comes_back_is_not_plastic():
-    # contacts of a particle change here by 1e-11 of the energy, where Newton's method does not go on
+def test_what_goes_on_comes_back_and_a_fall_does_not():
     whole = falling()
-    run = pm.quasistatic_shear(whole, 0.0345, step=1e-3, locate="none")
-    small = [one for one in run.avalanches if one.energy_drop < 1e-9]
-    assert small and not any(one.plastic for one in small)
-    assert all(one.plastic for one in run.avalanches if one.energy_drop > 1e-8)
+    protocol = _protocol(whole, None, 1e-9, run_settings())
+    with single_thread():
+        path = StrainPath(protocol, ShearedLattice(protocol.reduced(whole.packing), (0, 1)), None)
+        start = path.now
+        further, fell = path.step(1e-4)
+        assert fell is None and further.pairs != start.pairs
+        assert path.comes_back(start, further)
+        while fell is None:
+            before, fell = path.step(path.now.strain + 1e-3)
+        assert not path.comes_back(before, fell)
+    run = pm.quasistatic_shear(whole, 4e-3, step=1e-3, locate="none")
+    assert run.avalanches and all(one.plastic for one in run.avalanches)
+
+
+def test_no_fall_of_a_larger_energy_drop_is_passed_over():
+    """From the same packing a step finds what tenths of it find; here one passes over a fall unless told not to."""
+    start = pm.random_packing(128, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.9, seed=2)
+    whole = pm.Scene(start, (pm.Repulsion(),))
+    whole = whole.replace(packing=pm.jam(whole, pressure=1e-2).packing)
+    whole = whole.replace(packing=pm.quasistatic_shear(whole, 0.017, step=1e-3, locate="none").packing)
+    fine = pm.quasistatic_shear(whole, 1e-3, step=1e-4, locate="none").avalanches
+    assert [one.energy_drop > 1e-6 for one in fine] == [False, True]
+    assert not pm.quasistatic_shear(whole, 1e-3, step=1e-3, locate="none").avalanches
+    (found,) = pm.quasistatic_shear(whole, 1e-3, step=1e-3, locate="none", smallest_drop=1e-6).avalanches
+    assert found.energy_drop == pytest.approx(fine[1].energy_drop, rel=1e-2)
+    assert found.strain == pytest.approx(fine[1].strain, abs=1e-6)
 
 
 def test_avalanches_of_the_mirror_image_are_mirrored():

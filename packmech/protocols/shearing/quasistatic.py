@@ -229,6 +229,7 @@ def quasistatic_shear(
     axes: tuple[int, int] = (0, 1),
     pressure: float | None = None,
     locate: str = "first",
+    smallest_drop: float | None = None,
     force_tolerance: float = 1e-9,
     time_limit: float | None = None,
     progress: Progress = None,
@@ -238,8 +239,8 @@ def quasistatic_shear(
 
     Athermal quasistatic shear: particles are taken along, x + step * y, with what linear response adds, then Newton's
     method finds the equilibrium, at constant volume or at constant pressure in a box of the shape that the strain gives
-    it. Where the packing does not go on smoothly the step is halved, at most ten times; what is left is a
-    rearrangement: the packing falls downhill, which is kept as an `Avalanche`. Shapes keep their directors while
+    it. Where the packing does not go on smoothly the step is halved down to a strain of 1e-8; what is left is
+    a rearrangement: the packing falls downhill, which is kept as an `Avalanche`. Shapes keep their directors while
     they are taken along; links keep their length.
 
     Parameters
@@ -258,6 +259,10 @@ def quasistatic_shear(
         "first": the strain of the first change of contacts is found from both sides, to rounding if one contact
         changes, and has a row;
         "all": those of all changes, so that `work_t` is exact to fourth order of the steps throughout; "none".
+    smallest_drop
+        Energy drop down to which avalanches are to be found, whatever the step [energy_scale]: a step is halved where
+        more than half of that is missing of the work that was done, by cubics through stress and modulus. None: a step
+        may pass over falls that move particles no farther than linear response moves them.
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
     time_limit
@@ -297,10 +302,13 @@ def quasistatic_shear(
     end = real("applied_strain", applied_strain)
     size = positive("step", step)
     one_of("locate", locate, ("first", "all", "none"))
+    smallest = None if smallest_drop is None else positive("smallest_drop", smallest_drop)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
     steps = max(1, math.ceil(abs(end) / size - 1e-9))
     goals = np.linspace(0.0, end, steps + 1)[1:]
     shear = _Shear(_protocol(scene, asked, tolerance, settings), pair, asked, locate)
+    if smallest is not None:
+        shear.largest_loss = 0.5 * smallest * scene.energy_scale
     return shear.run(goals)
 
 
@@ -474,6 +482,7 @@ class _Shear:
         self.avalanches: list[Avalanche] = []
         self.networks: dict[frozenset[tuple[int, ...]], int] = {}
         self.work = self.growth = 0.0
+        self.largest_loss = math.inf
         # whether contacts have changed, located or not
         self.changed = False
         # the strains to go through, and how many of them are done
@@ -499,6 +508,7 @@ class _Shear:
             protocol.scene = protocol.scene.replace(packing=protocol.last)
         lattice = ShearedLattice(protocol.reduced(protocol.scene.packing), self.axes)
         self.path = path = StrainPath(protocol, lattice, None if self.asked is None else self.asked * unit)
+        path.largest_loss = self.largest_loss
         if not path.sound:
             return Outcome.STALLED
         self._keep(path.now, 0.0, float(goals[0]))

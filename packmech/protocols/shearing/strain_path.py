@@ -153,6 +153,8 @@ class StrainPath:
         # is about to fall, while Newton's method comes to rounding wherever there is balance
         self._gone_on = _BALANCED if packing.plain else self.tolerance
         self.iterations = 0
+        # energy that may be missing at the end of a step, of what its work gave [energy]
+        self.largest_loss = math.inf
         state = self._relaxed(packing)
         self.iterations += state.iterations
         self.sound = state.sound(self.tolerance)
@@ -215,7 +217,9 @@ class StrainPath:
             way = abs(strain - start.strain) * max(1.0, float(np.abs(start.answer.u_nd[:, :d][held]).max()))
             if float(np.abs(moved).max()) > _CORRECTED * way + _ROUNDED:
                 return None
-        return self._measured(strain, state)
+        found = self._measured(strain, state)
+        lost = start.enthalpy + work_between(start, found) - found.enthalpy
+        return None if lost > self.largest_loss else found
 
     def step(self, strain: float, way: float | None = None) -> tuple[Sheared, Sheared | None]:
         """Return the last equilibrium on the way to a strain, and None, or the next one where it becomes unstable.
