@@ -13,6 +13,8 @@ from packmech.effects.body import (
     body_force,
     body_second,
     first_on_wall,
+    refuse_walls,
+    rough_walls,
     spin_drag,
 )
 from packmech.effects.bonds import (
@@ -169,6 +171,8 @@ __all__ = [
     "body_force",
     "body_second",
     "first_on_wall",
+    "refuse_walls",
+    "rough_walls",
     "bonded_pairs",
     "bonds_of",
     "under_cap",
