@@ -197,8 +197,8 @@ class TangentialDisplacements:
         if self.at_wall_w is not None and self.wall_stretch_wk is not None:
             if self.wall_stretch_wk.shape[1] != columns:
                 raise ValueError(
-                    f"packing.tangential.wall_stretch_wk must hold the {columns} numbers that the scene's walls keep of "
-                    f"each particle, got {self.wall_stretch_wk.shape[1]}: leave them out with "
+                    f"packing.tangential.wall_stretch_wk must hold the {columns} numbers that the scene's walls keep "
+                    f"of each particle, got {self.wall_stretch_wk.shape[1]}: leave them out with "
                     "packing.replace(tangential=None)"
                 )
             found[self.at_wall_w] = self.wall_stretch_wk

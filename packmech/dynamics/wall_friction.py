@@ -269,7 +269,7 @@ def stretches_at_walls(system: Any, now: Any) -> NDArray[np.float64]:
     if rough is None:
         return np.zeros((len(system.state.body), 0))
     # stiffnesses are those of this time
-    found = rough.stretch_nk.copy()
+    found: NDArray[np.float64] = rough.stretch_nk.copy()
     _write_down(rough, system.axes, system.state, now, found)
     return found
 

@@ -262,13 +262,13 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
             found = next((m for m, other in enumerate(effects) if isinstance(other, kind)), None)
             if found is not None and getattr(one, name) is None:
                 raise ValueError(
-                    f"effects[{k}].{name} of Walls must be given where contacts have {kind.__name__} (effects[{found}]), "
-                    f"got None: {name}=pm.{kind.__name__}(...), or pm.{kind.__name__}(0.0) for {lacking}"
+                    f"effects[{k}].{name} of Walls must be given where contacts have {kind.__name__} "
+                    f"(effects[{found}]), got None: {name}=pm.{kind.__name__}(...), or pm.{kind.__name__}(0.0) for {lacking}"
                 )
         if one.roughness is not None and packing.shapes.has_orientations:
             raise ValueError(
-                f"effects[{k}] must be smooth Walls, with friction=pm.Friction(0.0), for {packing.shapes.names[1]}: rough "
-                f"ones touch discs and spheres, got {one.roughness!r}"
+                f"effects[{k}] must be smooth Walls, with friction=pm.Friction(0.0), for {packing.shapes.names[1]}: "
+                f"rough ones touch discs and spheres, got {one.roughness!r}"
             )
         if one.twisting is not None and packing.dimension == 2:
             raise ValueError(
