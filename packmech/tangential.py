@@ -80,23 +80,25 @@ class TangentialDisplacements:
         site = None if self.bead_c2 is None else ("bead_c2", self.bead_c2)
         pairs = named_pairs("contact", "c", self.i_c, self.j_c, self.image_cd, site)
         components = 1 if pairs.image_pd.shape[1] == 2 else 3
-        shape = (len(pairs.i_p), components)
-        displacement = finite_array("displacement_ck", self.displacement_ck, shape=shape, what="contact")
+        # nothing but springs at walls
+        shape, alone = (len(pairs.i_p), components), self.at_wall_w is not None
+        displacement = finite_array("displacement_ck", self.displacement_ck, shape=shape, what="contact", empty=alone)
         displacement = displacement[pairs.order_p]
         if components == 3:
             # seen from the other end a vector turns round; the tangent of a plane does, too, and its component stays
             displacement = np.where(pairs.turned_p[:, None], 0.0 - displacement, displacement)
         rolling, twisting = self.rolling_ck, self.twisting_c
         if rolling is not None:
-            rolling = finite_array("rolling_ck", rolling, shape=shape, what="contact")[pairs.order_p]
+            rolling = finite_array("rolling_ck", rolling, shape=shape, what="contact", empty=alone)[pairs.order_p]
             if components == 1:
                 # of rolling it is the other way round
                 rolling = np.where(pairs.turned_p[:, None], 0.0 - rolling, rolling)
         if twisting is not None:
-            twisting = finite_array("twisting_c", twisting, shape=shape[:1], what="contact")[pairs.order_p]
+            twisting = finite_array("twisting_c", twisting, shape=shape[:1], what="contact", empty=alone)[pairs.order_p]
         memory = self.memory_ck
         if memory is not None:
-            memory = finite_array("memory_ck", memory, shape=(shape[0], None), what="contact")[pairs.order_p]
+            rows = shape[0], None
+            memory = finite_array("memory_ck", memory, shape=rows, what="contact", empty=alone)[pairs.order_p]
         kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2, rolling, twisting, memory)
         for name, given in zip(_FIELDS, (*kept, *self._checked_walls()), strict=True):
             if given is not None:

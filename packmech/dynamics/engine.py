@@ -489,11 +489,12 @@ class Engine:
         particle = np.flatnonzero(at_walls.any(axis=1))
         if not len(particle) or not np.isfinite(at_walls).all():
             return found
-        if found is None:
-            d = len(self.axes)
-            none, image = np.zeros(0, dtype=np.int64), np.zeros((0, d), dtype=np.int64)
-            found = TangentialDisplacements(none, none, image, np.zeros((0, 1 if d == 2 else 3)))
-        return replace(found, at_wall_w=particle, wall_stretch_wk=at_walls[particle])
+        walls: dict[str, Any] = {"at_wall_w": particle, "wall_stretch_wk": at_walls[particle]}
+        if found is not None:
+            return replace(found, **walls)
+        d = len(self.axes)
+        none, image = np.zeros(0, dtype=np.int64), np.zeros((0, d), dtype=np.int64)
+        return TangentialDisplacements(none, none, image, np.zeros((0, 1 if d == 2 else 3)), **walls)
 
     @property
     def row_n(self) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ from packmech.dynamics.account import Kicks, book_kicks, keep_springs
 from packmech.dynamics.bath import bathe_rows, leave_bath
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
 from packmech.dynamics.breaking import limits_of, some_bond_breaks
-from packmech.dynamics.by_shape import dragged_to, push_on_row, turn_shapes
+from packmech.dynamics.by_shape import contact_axes, dragged_to, push_on_row, turn_shapes
 from packmech.dynamics.contact_forces import contacts_of_block, laws_of
 from packmech.dynamics.deformation import ALONG_X, flow_to, gamma_at, maps_of_step, turning, with_scratch
 from packmech.dynamics.friction import Pace
@@ -365,8 +365,10 @@ def take_forces(system, thread, blocks, pace):
         contacts_of_block(acting.pairs, laws, push, pairs, b)
         bonds_of_block(space.bonds, laws, push, space.frame.lattice_dd, b)
     wait(thread)
+    # where bonds or walls alone turn particles, contacts leave no torques in slots
+    spins = contact_axes(acting.shapes, acting.friction, axes)
     for b in range(blocks[0], blocks[1]):
-        collect(axes, state.spins, pairs.slots, push, b)
+        collect(axes, spins, pairs.slots, push, b)
         collect_bonds(space.bonds, axes, state.spins, push, b)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from packmech.effects.body import (
+    ROUGHNESS,
     SIGNED,
     BackgroundDamping,
     Gravity,
@@ -126,6 +127,7 @@ __all__ = [
     "memory_columns",
     "reach_beyond_contact",
     "SIGNED",
+    "ROUGHNESS",
     "BackgroundDamping",
     "BREAKING_MODES",
     "BondLimits",

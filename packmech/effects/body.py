@@ -15,6 +15,8 @@ from packmech.effects.rolling import RollingResistance, RoughContacts, TwistingR
 from packmech.jit.compiled import compiled_form, device
 from packmech.packing import Packing
 
+# what acts across contacts, by the names that walls give it
+ROUGHNESS: dict[str, type] = {"friction": Friction, "rolling": RollingResistance, "twisting": TwistingResistance}
 # relative overlap at which the dashpot of a wall is looked up
 _OVERLAP = 0.1
 
@@ -149,7 +151,7 @@ class Walls(NamedTuple):
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if self.axis not in (0.0, 1.0, 2.0):
             return f"axis must be 0, 1 or 2, got {self.axis!r}"
-        for name, kind in (("friction", Friction), ("rolling", RollingResistance), ("twisting", TwistingResistance)):
+        for name, kind in ROUGHNESS.items():
             value = getattr(self, name)
             if value is not None and not isinstance(value, kind):
                 return f"{name} must be {kind.__name__}(...) or None, got {value!r}"
@@ -238,14 +240,6 @@ def rough_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:
     return tuple(one for one in effects if isinstance(one, Walls) and one.roughness is not None)
 
 
-# what contacts may have and walls must say of themselves then, and how they say that they lack it
-_SAID = {
-    "friction": (Friction, "smooth ones"),
-    "rolling": (RollingResistance, "ones on which particles roll"),
-    "twisting": (TwistingResistance, "ones on which particles spin"),
-}
-
-
 def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
     """Refuse walls that do not say what they do where contacts have friction, and rough ones that touch shapes.
 
@@ -258,12 +252,13 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
     for k, one in enumerate(effects):
         if not isinstance(one, Walls):
             continue
-        for name, (kind, lacking) in _SAID.items():
+        for name, kind in ROUGHNESS.items():
             found = next((m for m, other in enumerate(effects) if isinstance(other, kind)), None)
             if found is not None and getattr(one, name) is None:
                 raise ValueError(
                     f"effects[{k}].{name} of Walls must be given where contacts have {kind.__name__} "
-                    f"(effects[{found}]), got None: {name}=pm.{kind.__name__}(...), or pm.{kind.__name__}(0.0) for {lacking}"
+                    f"(effects[{found}]), got None: {name}=pm.{kind.__name__}(...), or pm.{kind.__name__}(0.0) for "
+                    "walls without"
                 )
         if one.roughness is not None and packing.shapes.has_orientations:
             raise ValueError(
