@@ -30,6 +30,7 @@ from packmech.effects import (
     held_particles,
     refuse_unknown_to_shapes,
     rolling_of,
+    rough_walls,
     roughness_of,
     shaped_terms,
     single_terms,
@@ -39,7 +40,14 @@ from packmech.effects import (
 )
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
-from packmech.measure.friction import TurningForces, sum_both, tangential_forces, turning_forces
+from packmech.measure.friction import (
+    TurningForces,
+    WallResistance,
+    sum_both,
+    tangential_forces,
+    turning_forces,
+    wall_resistance,
+)
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -133,7 +141,8 @@ class ContactForces:
         springs = tangential_forces(self.scene, pairs, self.under_cap_c).energy_c + self.turning.energy_c
         whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
         whole += float(np.add.reduce(self.interactions.energy_c))
-        return whole + float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
+        whole += float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
+        return whole + float(np.add.reduce(self._pushes.across.energy_n))
 
     @functools.cached_property
     def turning(self) -> TurningForces:
@@ -255,7 +264,7 @@ class ContactForces:
             pull = links.pairs.normal_cd * tension[:, None]
             force = self._free(force + sum_both(links.pairs, pull, -pull))
         parts = [force]
-        if roughness_of(self.scene.effects) is not None:
+        if roughness_of(self.scene.effects) is not None or rough_walls(self.scene.effects):
             parts.append(self.torque_nk / packing.radius_n[:, None])
         elif turn.size:
             parts.append(np.einsum("nkt,nt->nk", turn, self.torque_nk[:, : turn.shape[2]]))
@@ -460,21 +469,25 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
 
 
 class SinglePush(NamedTuple):
-    """What effects on single particles do: (N, d) forces, (N, 1 or 3) torques, and the terms that these are of."""
+    """What effects on single particles do: (N, d) forces, (N, 1 or 3) torques, and the terms that these are of.
+
+    What rough walls do across is among forces and torques; `across` is it alone.
+    """
 
     force_nd: NDArray[np.float64]
     torque_nk: NDArray[np.float64]
     terms: SingleTerms | ShapedTerms
+    across: WallResistance
 
 
 def single_push(scene: Scene) -> SinglePush:
-    """Return the forces and torques of what acts on single particles: walls turn shapes, all else turns nothing."""
-    packing, d = scene.packing, scene.packing.dimension
+    """Return the forces and torques of what acts on single particles: walls turn shapes, and rough ones all."""
+    packing, d, across = scene.packing, scene.packing.dimension, wall_resistance(scene)
     if not packing.shapes.has_orientations:
         terms = single_terms(scene.effects, packing)
-        return SinglePush(terms.force_nd, np.zeros((packing.particles, 1 if d == 2 else 3)), terms)
+        return SinglePush(terms.force_nd + across.force_nd, across.torque_nk, terms, across)
     shaped = shaped_terms(scene.effects, packing)
-    return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped)
+    return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped, across)
 
 
 def rounding_force(packing: Packing, second_c: NDArray[np.float64]) -> float:
@@ -521,7 +534,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory",
+    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )

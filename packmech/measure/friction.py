@@ -9,7 +9,20 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.effects import at_contact, contact_terms, friction_of, rolling_of, twisting_of
+from packmech.contacts.wall_touches import WallTouches
+from packmech.effects import (
+    Mindlin,
+    Repulsion,
+    RoughContacts,
+    Walls,
+    at_contact,
+    contact_terms,
+    friction_of,
+    rolling_of,
+    rough_walls,
+    twisting_of,
+    wall_sides,
+)
 from packmech.links import named_rows
 from packmech.scene import Scene
 
@@ -82,12 +95,81 @@ def turning_forces(scene: Scene, contacts: Contacts | ShapeContacts, normal_c: N
     return TurningForces(rolled.force_cd, force[:, 0], arm, rolled.energy_c + energy)
 
 
+class WallResistance(NamedTuple):
+    """What rough walls do across to particles: (N, d) forces, (N, 1 or 3) torques, (N,) energies of their springs."""
+
+    force_nd: NDArray[np.float64]
+    torque_nk: NDArray[np.float64]
+    energy_n: NDArray[np.float64]
+
+
+def wall_resistance(scene: Scene) -> WallResistance:
+    """Return what rough walls do across to the particles of a scene at rest, by the springs that its packing holds."""
+    packing = scene.packing
+    n, d = packing.particles, packing.dimension
+    turns = 1 if d == 2 else 3
+    found = WallResistance(np.zeros((n, d)), np.zeros((n, turns)), np.zeros(n))
+    springs = packing.tangential
+    if springs is None or not rough_walls(scene.effects):
+        return found
+    sides = [one for one in wall_sides(scene.effects, packing) if one[1].roughness is not None]
+    numbers = [_numbers(wall.roughness, turns) for _, wall, _, _ in sides]
+    stretch_nk, column = springs.at_walls(n, sum(map(sum, numbers))), 0
+    for (_, wall, side, touches), counts in zip(sides, numbers, strict=True):
+        at = touches.particle_w
+        sliding, rolling, twisting = np.split(stretch_nk[at, column : column + sum(counts)], np.cumsum(counts)[:-1], 1)
+        column += sum(counts)
+        _add_resistance(found, wall, side, touches, (sliding, rolling, twisting))
+    return found
+
+
+def _numbers(rough: Any, turns: int) -> tuple[int, int, int]:
+    """Return how many numbers a contact keeps of sliding (its stiffness among them), rolling and twisting."""
+    friction, rolling, twisting = (
+        (rough.friction, rough.rolling, rough.twisting) if isinstance(rough, RoughContacts) else (rough, None, None)
+    )
+    kept = isinstance(friction.stiffness, Mindlin)
+    return turns + kept, turns * (rolling is not None), int(twisting is not None)
+
+
+def _add_resistance(
+    found: WallResistance, wall: Walls, side: float, touches: WallTouches, stretches: tuple[NDArray[np.float64], ...]
+) -> None:
+    """Add what a wall does across to what touches it, given the stretches of sliding, rolling and twisting there."""
+    at, d = touches.particle_w, found.force_nd.shape[1]
+    turns = found.torque_nk.shape[1]
+    terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
+    normal = np.zeros((len(at), d))
+    normal[:, int(wall.axis)] = -side
+    push, arm = np.abs(terms.first_c), 0.5 * touches.distance_w
+    rough: Any = wall.roughness
+    here = at_contact(rough.friction if isinstance(rough, RoughContacts) else rough, 2.0 * terms.second_c, 0.0)
+    slid = stretches[0][:, :turns]
+    if stretches[0].shape[1] > turns:
+        before = stretches[0][:, turns]
+        slid = slid * np.where((before > 0.0) & (before < here.stiffness), before / here.stiffness, 1.0)[:, None]
+    across = _across(here, slid, normal, push)
+    np.add.at(found.force_nd, at, across.force_cd)
+    np.add.at(found.energy_n, at, across.energy_c)
+    rolled, twisted = np.zeros((len(at), d)), np.zeros(len(at))
+    if isinstance(rough, RoughContacts) and rough.rolling is not None:
+        rolling = _across(rough.rolling, stretches[1], normal, push)
+        rolled = rolling.force_cd
+        np.add.at(found.energy_n, at, rolling.energy_c)
+    if isinstance(rough, RoughContacts) and rough.twisting is not None:
+        force, energy = _limited(rough.twisting, stretches[2], push)
+        twisted = force[:, 0]
+        np.add.at(found.energy_n, at, energy)
+    turning = TurningForces(across.force_cd + rolled, twisted, arm, across.energy_c)
+    np.add.at(found.torque_nk, at, turning.moment_ck(normal))
+
+
 def _displacements(scene: Scene, contacts: Contacts | ShapeContacts, name: str) -> NDArray[np.float64]:
     """Return the (C, k) displacements of one kind that the packing holds for its contacts; zeros for all others."""
     springs, d = scene.packing.tangential, contacts.dimension
     held = None if springs is None else getattr(springs, name)
     found = np.zeros((len(contacts), 1 if d == 2 or name == "twisting_c" else 3))
-    if springs is not None and held is not None:
+    if springs is not None and held is not None and len(springs):
         known, asked = ((one.i_c, one.j_c, one.image_cd) for one in (contacts, springs))
         place = named_rows(known, asked, contacts.bead_c2, springs.bead_c2)
         found[place[place >= 0]] = held.reshape(len(springs), -1)[place >= 0]

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.dynamics.engine import build_engine
+from packmech.dynamics.observables import POTENTIAL, TANGENTIAL
 
 STIFF = 1e3
 
@@ -91,6 +93,22 @@ def test_a_run_goes_on_from_the_springs_at_walls_that_another_left(dimension, wa
     assert off < 1e-2 * np.abs(slack.velocity_nd - whole.velocity_nd).max() / scale
     # springs and dashpots see velocities extrapolated from the step before, which a new run has none of
     assert off < 1e-5
+
+
+@pytest.mark.parametrize(("dimension", "walls"), [(2, rough), (3, everything)])
+def test_forces_torques_and_energy_at_rest_are_those_that_time_steps_begin_with(dimension, walls):
+    scene = cage(dimension, walls, number=60)
+    end = pm.simulate(scene, steps=400, dt=5e-4, check=False, **start(scene)).packing
+    scene = scene.replace(packing=end)
+    at = end.tangential.at_wall_w
+    engine = build_engine(scene, dt=5e-4, velocity_nd=np.zeros_like(end.position_nd))
+    row = engine.observe()
+    push = np.empty_like(engine.state.push)
+    push[engine.order_n] = engine.state.push
+    whole = np.concatenate([pm.forces(scene), np.reshape(pm.torques(scene), (len(push), -1))], axis=1)
+    assert np.abs(push[at, dimension:]).max() > 1e-3 * np.abs(push).max()
+    assert np.abs(whole - push).max() < 1e-12 * np.abs(push).max()
+    assert pm.energy(scene) == pytest.approx(row[POTENTIAL] + row[TANGENTIAL], rel=1e-12)
 
 
 def test_a_run_that_was_cut_ends_with_the_same_bits_on_any_number_of_threads(tmp_path):
