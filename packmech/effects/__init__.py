@@ -103,6 +103,7 @@ from packmech.effects.rolling import (
 from packmech.effects.single import (
     ShapedTerms,
     SingleTerms,
+    WallSide,
     acts_on_single,
     held_velocity,
     lacking_second,
@@ -223,6 +224,7 @@ __all__ = [
     "acting_contacts",
     "acts",
     "wall_sides",
+    "WallSide",
 ]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -37,12 +36,12 @@ from packmech.effects import (
     total_push,
     twisting_of,
     under_cap,
+    wall_sides,
 )
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
 from packmech.measure.friction import (
     TurningForces,
-    WallResistance,
     sum_both,
     tangential_forces,
     turning_forces,
@@ -142,7 +141,7 @@ class ContactForces:
         whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
         whole += float(np.add.reduce(self.interactions.energy_c))
         whole += float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
-        return whole + float(np.add.reduce(self._pushes.across.energy_n))
+        return whole + self._pushes.springs
 
     @functools.cached_property
     def turning(self) -> TurningForces:
@@ -314,17 +313,21 @@ class ContactForces:
         a weight do where they touch nothing, linked ones where nothing touches their cluster.
         """
         packing, effects = self.scene.packing, self.scene.effects
-        bearing, rough, groups = self.contacts.select(self.bearing_c), None, None
-        turning = (rolling_of(effects), twisting_of(effects))
+        bearing, walls = self.contacts.select(self.bearing_c), rough_walls(effects)
         mu = _coefficient(self.scene)
-        if mu > 0.0:
-            point, d = bearing.points(packing.radius_n), packing.dimension
-            arm = self.turning.arm_c[self.bearing_c] / mu
-            moments = [None if one is None else one.coefficient * arm for one in turning]
-            rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk, moments)
-            kinds = (d - 1, *(0 if one is None else rows for one, rows in zip(moments, (d - 1, 1), strict=True)))
-            groups = tuple(itertools.accumulate(kinds))
-        return rattlers_among(packing, bearing, effects, rough=rough, friction=mu, groups=groups)
+        # rows are made for this coefficient, and as long as their own is over it
+        unit = mu if mu > 0.0 or not walls else 1.0
+        if unit == 0.0:
+            return rattlers_among(packing, bearing, effects)
+        resisting = rolling_of(effects), twisting_of(effects)
+        rolls = resisting[0] is not None or any(one.rolling for one in walls)
+        twists = resisting[1] is not None or any(one.twisting for one in walls)
+        point, arm = bearing.points(packing.radius_n), self.turning.arm_c[self.bearing_c] / unit
+        sizes = [0.0 if one is None else one.coefficient for one in resisting]
+        moments = [size * arm if there else None for size, there in zip(sizes, (rolls, twists), strict=True)]
+        rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk, moments)
+        rough.side_esx[:, : packing.dimension - 1] *= mu / unit
+        return rattlers_among(packing, bearing, effects, rough=rough, friction=unit, turning=(rolls, twists))
 
     @property
     def spinning_n(self) -> NDArray[np.bool_]:
@@ -417,14 +420,13 @@ def _coefficient(scene: Scene) -> float:
     return friction_or_zero(scene.effects).coefficient
 
 
-@honors("repulsion friction rolling gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
     Tangential forces are the stiffness of `Friction` times the packing's tangential displacements
-    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force. Walls, where
-    there is no friction, have contacts of their own (`wall_contacts`); their pushes and weights count in the net
-    forces.
+    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force. Walls have contacts
+    of their own (`wall_contacts`); what they do, and weights, count in the net forces.
 
     Parameters
     ----------
@@ -471,23 +473,26 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
 class SinglePush(NamedTuple):
     """What effects on single particles do: (N, d) forces, (N, 1 or 3) torques, and the terms that these are of.
 
-    What rough walls do across is among forces and torques; `across` is it alone.
+    What rough walls do across is among forces and torques; `springs` is the energy of their springs.
     """
 
     force_nd: NDArray[np.float64]
     torque_nk: NDArray[np.float64]
     terms: SingleTerms | ShapedTerms
-    across: WallResistance
+    springs: float
 
 
 def single_push(scene: Scene) -> SinglePush:
     """Return the forces and torques of what acts on single particles: walls turn shapes, and rough ones all."""
-    packing, d, across = scene.packing, scene.packing.dimension, wall_resistance(scene)
-    if not packing.shapes.has_orientations:
-        terms = single_terms(scene.effects, packing)
-        return SinglePush(terms.force_nd + across.force_nd, across.torque_nk, terms, across)
-    shaped = shaped_terms(scene.effects, packing)
-    return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped, across)
+    packing, d = scene.packing, scene.packing.dimension
+    if packing.shapes.has_orientations:
+        shaped = shaped_terms(scene.effects, packing)
+        return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped, 0.0)
+    terms, sides = single_terms(scene.effects, packing), wall_sides(scene.effects, packing)
+    across = wall_resistance(packing, sides)
+    particle = np.concatenate([np.zeros(0, np.int64), *(one.touches.particle_w for one in sides)])
+    force, torque = across.sums(particle, packing.particles)
+    return SinglePush(terms.force_nd + force, torque, terms, float(across.energy_w.sum()))
 
 
 def rounding_force(packing: Packing, second_c: NDArray[np.float64]) -> float:
@@ -568,7 +573,7 @@ def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
     clusters that can be moved as a whole.
     """
     packing, effects = scene.packing, scene.effects
-    if packing.tangential is not None or friction_of(scene.effects) is not None:
+    if packing.tangential is not None or friction_of(effects) is not None or rough_walls(effects):
         return resting_forces(scene).rattlers_n
     if packing.links and not acts_on_single(effects):
         return find_rattling_clusters(packing).rattling_n

@@ -9,21 +9,19 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.contacts.wall_touches import WallTouches
 from packmech.effects import (
     Mindlin,
     Repulsion,
     RoughContacts,
-    Walls,
+    WallSide,
     at_contact,
     contact_terms,
     friction_of,
     rolling_of,
-    rough_walls,
     twisting_of,
-    wall_sides,
 )
 from packmech.links import named_rows
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 
@@ -96,31 +94,47 @@ def turning_forces(scene: Scene, contacts: Contacts | ShapeContacts, normal_c: N
 
 
 class WallResistance(NamedTuple):
-    """What rough walls do across to particles: (N, d) forces, (N, 1 or 3) torques, (N,) energies of their springs."""
+    """What rough walls do across to what touches them, in the order of `wall_sides`: nothing of smooth ones.
 
-    force_nd: NDArray[np.float64]
-    torque_nk: NDArray[np.float64]
-    energy_n: NDArray[np.float64]
+    (W, d) forces, (W, 1 or 3) torques, (W,) energies of their springs.
+    """
+
+    force_wd: NDArray[np.float64]
+    torque_wk: NDArray[np.float64]
+    energy_w: NDArray[np.float64]
+
+    def sums(self, particle_w: NDArray[np.int64], particles: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the (N, d) and (N, 1 or 3) sums over what touches walls."""
+        force, torque = (np.zeros((particles, one.shape[1])) for one in (self.force_wd, self.torque_wk))
+        np.add.at(force, particle_w, self.force_wd)
+        np.add.at(torque, particle_w, self.torque_wk)
+        return force, torque
 
 
-def wall_resistance(scene: Scene) -> WallResistance:
-    """Return what rough walls do across to the particles of a scene at rest, by the springs that its packing holds."""
-    packing = scene.packing
+def wall_resistance(packing: Packing, sides: list[WallSide]) -> WallResistance:
+    """Return what rough walls do across at rest, by the springs that a packing holds.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    sides
+        What touches each wall (`wall_sides`).
+
+    """
     n, d = packing.particles, packing.dimension
-    turns = 1 if d == 2 else 3
-    found = WallResistance(np.zeros((n, d)), np.zeros((n, turns)), np.zeros(n))
-    springs = packing.tangential
-    if springs is None or not rough_walls(scene.effects):
-        return found
-    sides = [one for one in wall_sides(scene.effects, packing) if one[1].roughness is not None]
-    numbers = [_numbers(wall.roughness, turns) for _, wall, _, _ in sides]
-    stretch_nk, column = springs.at_walls(n, sum(map(sum, numbers))), 0
-    for (_, wall, side, touches), counts in zip(sides, numbers, strict=True):
-        at = touches.particle_w
-        sliding, rolling, twisting = np.split(stretch_nk[at, column : column + sum(counts)], np.cumsum(counts)[:-1], 1)
+    turns, springs, column = 1 if d == 2 else 3, packing.tangential, 0
+    rough = [one.wall.roughness for one in sides]
+    numbers = [(0, 0, 0) if one is None else _numbers(one, turns) for one in rough]
+    whole = sum(map(sum, numbers))
+    stretch_nk = np.zeros((n, whole)) if springs is None or not whole else springs.at_walls(n, whole)
+    found = [WallResistance(np.zeros((0, d)), np.zeros((0, turns)), np.zeros(0))]
+    for one, counts in zip(sides, numbers, strict=True):
+        stretch = stretch_nk[one.touches.particle_w, column : column + sum(counts)]
         column += sum(counts)
-        _add_resistance(found, wall, side, touches, (sliding, rolling, twisting))
-    return found
+        sliding, rolling, twisting = np.split(stretch, np.cumsum(counts)[:-1], axis=1)
+        found.append(_resistance(one, d, (sliding, rolling, twisting)))
+    return WallResistance(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
 def _numbers(rough: Any, turns: int) -> tuple[int, int, int]:
@@ -132,36 +146,29 @@ def _numbers(rough: Any, turns: int) -> tuple[int, int, int]:
     return turns + kept, turns * (rolling is not None), int(twisting is not None)
 
 
-def _add_resistance(
-    found: WallResistance, wall: Walls, side: float, touches: WallTouches, stretches: tuple[NDArray[np.float64], ...]
-) -> None:
-    """Add what a wall does across to what touches it, given the stretches of sliding, rolling and twisting there."""
-    at, d = touches.particle_w, found.force_nd.shape[1]
-    turns = found.torque_nk.shape[1]
+def _resistance(side: WallSide, d: int, stretches: tuple[NDArray[np.float64], ...]) -> WallResistance:
+    """Return what a side of a wall does across, given the stretches of sliding, rolling and twisting."""
+    wall, touches = side.wall, side.touches
+    count, turns, rough = len(touches), 1 if d == 2 else 3, wall.roughness
+    if rough is None:
+        return WallResistance(np.zeros((count, d)), np.zeros((count, turns)), np.zeros(count))
     terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
-    normal = np.zeros((len(at), d))
-    normal[:, int(wall.axis)] = -side
+    normal = np.zeros((count, d))
+    normal[:, int(wall.axis)] = -side.below
     push, arm = np.abs(terms.first_c), 0.5 * touches.distance_w
-    rough: Any = wall.roughness
-    here = at_contact(rough.friction if isinstance(rough, RoughContacts) else rough, 2.0 * terms.second_c, 0.0)
+    friction, *others = rough if isinstance(rough, RoughContacts) else (rough, None, None)
+    here = at_contact(friction, 2.0 * terms.second_c, 0.0)
     slid = stretches[0][:, :turns]
     if stretches[0].shape[1] > turns:
         before = stretches[0][:, turns]
         slid = slid * np.where((before > 0.0) & (before < here.stiffness), before / here.stiffness, 1.0)[:, None]
     across = _across(here, slid, normal, push)
-    np.add.at(found.force_nd, at, across.force_cd)
-    np.add.at(found.energy_n, at, across.energy_c)
-    rolled, twisted = np.zeros((len(at), d)), np.zeros(len(at))
-    if isinstance(rough, RoughContacts) and rough.rolling is not None:
-        rolling = _across(rough.rolling, stretches[1], normal, push)
-        rolled = rolling.force_cd
-        np.add.at(found.energy_n, at, rolling.energy_c)
-    if isinstance(rough, RoughContacts) and rough.twisting is not None:
-        force, energy = _limited(rough.twisting, stretches[2], push)
-        twisted = force[:, 0]
-        np.add.at(found.energy_n, at, energy)
-    turning = TurningForces(across.force_cd + rolled, twisted, arm, across.energy_c)
-    np.add.at(found.torque_nk, at, turning.moment_ck(normal))
+    rolled, twisted = np.zeros((count, turns)), np.zeros((count, 1))
+    rolled = stretches[1] if others[0] is not None else rolled
+    twisted = stretches[2] if others[1] is not None else twisted
+    rolling, (twisting, energy) = _across(others[0], rolled, normal, push), _limited(others[1], twisted, push)
+    turning = TurningForces(across.force_cd + rolling.force_cd, twisting[:, 0], arm, across.energy_c)
+    return WallResistance(across.force_cd, turning.moment_ck(normal), across.energy_c + rolling.energy_c + energy)
 
 
 def _displacements(scene: Scene, contacts: Contacts | ShapeContacts, name: str) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ import pytest
 import packmech as pm
 from packmech.dynamics.engine import build_engine
 from packmech.dynamics.observables import POTENTIAL, TANGENTIAL
+from packmech.measure.contact_forces import rattlers_in
 
 STIFF = 1e3
 
@@ -172,3 +173,35 @@ def test_a_box_that_deforms_and_a_ledger_refuse_rough_walls():
         pm.ramp_strain(scene, rate=0.1, applied_strain=0.1)
     with pytest.raises(ValueError, match="no rough Walls beside a ledger"):
         pm.simulate(scene, steps=3, ledger=True)
+
+
+def test_a_disc_rests_on_a_slope_that_friction_and_resistance_to_rolling_hold():
+    """It rolls down where the slope is steeper than the coefficient of rolling, whatever the friction is."""
+    slope, law = 0.05, pm.LinearSpring(STIFF)
+    floor = pm.Walls(
+        1, 0.0, 15.0, law, 5.0, pm.Friction(0.5, 0.5 * STIFF, 5.0), pm.RollingResistance(0.1, 0.5 * STIFF, 5.0)
+    )
+    packing = pm.Packing([[5.0, 0.5]], [0.5], pm.Box.cubic(20.0, 2), mass_n=[1.0])
+    scene = pm.Scene(packing, (pm.Repulsion(law), floor, pm.Gravity(slope, -1.0)))
+    rest = pm.settle(scene, force_tolerance=1e-8)
+    found = scene.replace(packing=rest.packing)
+    touch = pm.wall_contacts(found)
+    assert touch.force_w == pytest.approx([1.0], rel=1e-7)
+    assert touch.tangential_wd == pytest.approx(np.array([[-slope, 0.0]]), rel=1e-6)
+    assert touch.on_walls() == pytest.approx([slope, -1.0], rel=1e-6)
+    forces = pm.contact_forces(found)
+    assert forces.residual < 1e-7 and not forces.rattlers_n.any()
+    rolling = scene.replace(effects=(scene.effects[0], floor._replace(rolling=None), scene.effects[2]))
+    assert pm.simulate(rolling, duration=20.0, check=False).velocity_nd[0, 0] > 0.1
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_particle_that_two_rough_walls_press_is_held_and_rattles_between_smooth_ones(dimension):
+    place = np.full((1, dimension), 5.0)
+    place[0, 1] = 0.45
+    packing = pm.Packing(place, [0.5], pm.Box.cubic(20.0, dimension))
+    for walls, rattles in (
+        (pm.Walls(1, 0.0, 0.9, pm.LinearSpring()), True),
+        (pm.Walls(1, 0.0, 0.9, pm.LinearSpring(), friction=pm.Friction(0.1)), False),
+    ):
+        assert rattlers_in(pm.Scene(packing, (pm.Repulsion(), walls))).tolist() == [rattles]
