@@ -187,7 +187,8 @@ class Packing:
         instance("tangential", tangential, TangentialDisplacements)
         if tangential.dimension != self.dimension:
             raise ValueError(f"tangential must have images of {self.dimension} components, got {tangential.dimension}")
-        last = int(max(tangential.i_c.max(), tangential.j_c.max()))
+        named = [tangential.i_c, tangential.j_c, *([] if tangential.at_wall_w is None else [tangential.at_wall_w])]
+        last = int(max(one.max(initial=-1) for one in named))
         if last >= self.particles:
             raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
         bead = tangential.bead_c2

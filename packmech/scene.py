@@ -22,6 +22,7 @@ from packmech.effects import (
     Repulsion,
     RollingResistance,
     TwistingResistance,
+    Walls,
     bonds_of,
     check_effect,
     check_law,
@@ -31,6 +32,7 @@ from packmech.effects import (
     is_effect,
     is_law,
     refuse_rolling,
+    refuse_walls,
     registered_effects,
 )
 from packmech.files.records import is_record, kind_of
@@ -627,6 +629,9 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
             if not damps(value) or hasattr(value, "pair_energy"):
                 raise TypeError(f"{where}.damping must be a number or a dashpot such as Restitution(), got {value!r}")
             _check_numbers(f"{where}.damping", value)
+        elif isinstance(record, Walls) and name in ("friction", "rolling", "twisting"):
+            if is_effect(value):
+                _check_numbers(f"{where}.{name}", value)
         elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
         elif name in ("energy_scale", "stiffness") and value <= 0 and not (slack and value == 0):
@@ -658,7 +663,9 @@ def _check_bound(where: str, record: Any) -> None:
 
 def _plain(record: Any) -> Any:
     """Return the record with every number a float, so that one combination of effects compiles once."""
-    return type(record)(*(_plain(value) if isinstance(value, tuple) else float(value) for value in record))
+    return type(record)(
+        *(_plain(value) if isinstance(value, tuple) else None if value is None else float(value) for value in record)
+    )
 
 
 @shown(lambda one: repr(one.packing))
@@ -717,6 +724,7 @@ class Scene:
             if number > 1:
                 raise ValueError(f"effects must hold one {kind.__name__} at most, got {number}")
         refuse_rolling(self.effects, self.packing)
+        refuse_walls(self.effects, self.packing)
         self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:
             known = ", ".join(cls.__name__ for cls in _DRIVES)

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import finite_array
+from packmech.check import finite_array, integer_array
 from packmech.links import named_pairs
 
-_FIELDS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2", "rolling_ck", "twisting_c", "memory_ck")
+_OF_PAIRS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2", "rolling_ck", "twisting_c", "memory_ck")
+_FIELDS = (*_OF_PAIRS, "at_wall_w", "wall_stretch_wk")
 
 
 @shown()
@@ -45,6 +46,11 @@ class TangentialDisplacements:
     memory_ck
         (C, K) numbers that effects with a memory keep of the pairs, in the order of the scene's effects: of `JKR` and
         `CapillaryBridge` whether it is bound. None where nothing is remembered.
+    at_wall_w, wall_stretch_wk
+        (W,) particles, each once, and (W, K) displacements of their springs at rough `Walls`, in the order of the
+        scene's effects, low before high: of each wall those of sliding (1 or 3, with `Mindlin` its stiffness, too),
+        rolling (1 or 3) and twisting (1), as many as it has [length]. Tangents are those of the direction to the wall.
+        None without.
 
     Raises
     ------
@@ -67,34 +73,52 @@ class TangentialDisplacements:
     rolling_ck: NDArray[np.float64] | None = None
     twisting_c: NDArray[np.float64] | None = None
     memory_ck: NDArray[np.float64] | None = None
+    at_wall_w: NDArray[np.int64] | None = None
+    wall_stretch_wk: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         site = None if self.bead_c2 is None else ("bead_c2", self.bead_c2)
         pairs = named_pairs("contact", "c", self.i_c, self.j_c, self.image_cd, site)
         components = 1 if pairs.image_pd.shape[1] == 2 else 3
-        shape = (len(pairs.i_p), components)
-        displacement = finite_array("displacement_ck", self.displacement_ck, shape=shape, what="contact")
+        # nothing but springs at walls
+        shape, alone = (len(pairs.i_p), components), self.at_wall_w is not None
+        displacement = finite_array("displacement_ck", self.displacement_ck, shape=shape, what="contact", empty=alone)
         displacement = displacement[pairs.order_p]
         if components == 3:
             # seen from the other end a vector turns round; the tangent of a plane does, too, and its component stays
             displacement = np.where(pairs.turned_p[:, None], 0.0 - displacement, displacement)
         rolling, twisting = self.rolling_ck, self.twisting_c
         if rolling is not None:
-            rolling = finite_array("rolling_ck", rolling, shape=shape, what="contact")[pairs.order_p]
+            rolling = finite_array("rolling_ck", rolling, shape=shape, what="contact", empty=alone)[pairs.order_p]
             if components == 1:
                 # of rolling it is the other way round
                 rolling = np.where(pairs.turned_p[:, None], 0.0 - rolling, rolling)
         if twisting is not None:
-            twisting = finite_array("twisting_c", twisting, shape=shape[:1], what="contact")[pairs.order_p]
+            twisting = finite_array("twisting_c", twisting, shape=shape[:1], what="contact", empty=alone)[pairs.order_p]
         memory = self.memory_ck
         if memory is not None:
-            memory = finite_array("memory_ck", memory, shape=(shape[0], None), what="contact")[pairs.order_p]
+            rows = shape[0], None
+            memory = finite_array("memory_ck", memory, shape=rows, what="contact", empty=alone)[pairs.order_p]
         kept: tuple[NDArray[Any] | None, ...] = (*pairs[:3], displacement, pairs.site_p2, rolling, twisting, memory)
-        for name, given in zip(_FIELDS, kept, strict=True):
+        for name, given in zip(_FIELDS, (*kept, *self._checked_walls()), strict=True):
             if given is not None:
                 array = np.ascontiguousarray(given)
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
+
+    def _checked_walls(self) -> tuple[NDArray[Any] | None, NDArray[Any] | None]:
+        """Return the particles at walls, sorted, and their displacements; None without."""
+        if self.at_wall_w is None or self.wall_stretch_wk is None:
+            for name, other in (("at_wall_w", self.wall_stretch_wk), ("wall_stretch_wk", self.at_wall_w)):
+                if other is not None:
+                    raise ValueError(f"{name} must be given with its displacements or particles, got None")
+            return None, None
+        particle = integer_array("at_wall_w", self.at_wall_w, shape=(None,), what="particle")
+        stretch = finite_array("wall_stretch_wk", self.wall_stretch_wk, shape=(len(particle), None), what="particle")
+        if len(np.unique(particle)) < len(particle) or (len(particle) and particle.min() < 0):
+            raise ValueError(f"at_wall_w must name particles from 0 on, each once, got {particle.tolist()!r:.80}")
+        order = np.argsort(particle)
+        return particle[order], stretch[order]
 
     def __len__(self) -> int:
         return len(self.i_c)
@@ -133,7 +157,7 @@ class TangentialDisplacements:
 
     def without_springs(self) -> TangentialDisplacements | None:
         """Return what is remembered of pairs alone, all springs slack; None where nothing is."""
-        if self.memory_ck is None:
+        if self.memory_ck is None or not len(self):
             return None
         slack = np.zeros_like(self.displacement_ck)
         return TangentialDisplacements(self.i_c, self.j_c, self.image_cd, slack, memory_ck=self.memory_ck)
@@ -147,13 +171,37 @@ class TangentialDisplacements:
         """Return them with particles renumbered, without those of particles with a negative number; None if all go."""
         i, j = number_n[self.i_c], number_n[self.j_c]
         keep = (i >= 0) & (j >= 0)
-        if not keep.any():
-            return None
-        return self._replaced(i[keep], j[keep], keep)
+        walls: dict[str, Any] = {}
+        if self.at_wall_w is not None and self.wall_stretch_wk is not None:
+            particle = number_n[self.at_wall_w]
+            there = particle >= 0
+            if there.any():
+                walls = {"at_wall_w": particle[there], "wall_stretch_wk": self.wall_stretch_wk[there]}
+        return self._replaced(i[keep], j[keep], keep, walls) if keep.any() or walls else None
 
     def _replaced(
-        self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], kept_c: NDArray[np.bool_]
+        self, i_c: NDArray[np.int64], j_c: NDArray[np.int64], kept_c: NDArray[np.bool_], walls: dict[str, Any]
     ) -> TangentialDisplacements:
-        """Return those that are kept, of other particles."""
-        named = {name: one for name in _FIELDS[2:] if (one := getattr(self, name)) is not None}
-        return TangentialDisplacements(i_c, j_c, **{name: one[kept_c] for name, one in named.items()})
+        """Return those that are kept, of other particles, and those at walls."""
+        named = {name: one for name in _OF_PAIRS[2:] if (one := getattr(self, name)) is not None}
+        return TangentialDisplacements(i_c, j_c, **{name: one[kept_c] for name, one in named.items()}, **walls)
+
+    def at_walls(self, particles: int, columns: int) -> NDArray[np.float64]:
+        """Return (N, K) displacements of the springs of all particles at walls, 0 where none are given.
+
+        Raises
+        ------
+        ValueError
+            If the walls of the scene have another number of them.
+
+        """
+        found = np.zeros((particles, columns))
+        if self.at_wall_w is not None and self.wall_stretch_wk is not None:
+            if self.wall_stretch_wk.shape[1] != columns:
+                raise ValueError(
+                    f"packing.tangential.wall_stretch_wk must hold the {columns} numbers that the scene's walls keep "
+                    f"of each particle, got {self.wall_stretch_wk.shape[1]}: leave them out with "
+                    "packing.replace(tangential=None)"
+                )
+            found[self.at_wall_w] = self.wall_stretch_wk
+        return found

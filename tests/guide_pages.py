@@ -23,7 +23,6 @@ def effects_page() -> str:
     for name in pm.__all__:
         getattr(pm, name)
     rows = [(f"`pm.{name}`", *(CALLS[name].answer(column) for column in COLUMNS)) for name in sorted(CALLS)]
-    apart = [f"`pm.{name}`" for name in sorted(CALLS) if CALLS[name].apart]
     return (
         "\n\n".join(
             [
@@ -46,10 +45,9 @@ def effects_page() -> str:
                 "## Calls",
                 markdown_table(("call", *COLUMNS), rows).strip(),
                 "## Friction beside walls",
-                "Walls are smooth, so that particles with friction would slide along them as if there were none. These "
-                "calls honor friction and walls, but refuse both in one scene; make rough walls of held particles "
-                "(`pm.FixedParticles`) instead:",
-                ", ".join(apart) + ".",
+                "Walls have a friction of their own: a scene whose contacts have friction must say what that of its "
+                "`pm.Walls` is, `friction=pm.Friction(0.0)` for smooth ones. So for resistance to rolling and to "
+                "twisting.",
             ]
         )
         + "\n"

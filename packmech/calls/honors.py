@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
@@ -41,10 +41,11 @@ COLUMNS = {
     "shapes": "shapes other than discs and spheres",
     "breaking": "bonds that break: Bonds with breaks_at",
     "memory": "interactions that remember, such as JKR",
+    "rough": "Walls with friction, or on which particles roll or spin with resistance",
 }
 EFFECTS = tuple(COLUMNS)[:11]
 # columns of what a scene adds to its packing
-_OF_SCENES = (*EFFECTS, "breaking", "memory")
+_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -65,17 +66,7 @@ INSTEAD = {
     "shapes": "pm.jam or pm.quench",
     "breaking": "pm.simulate or pm.ramp_strain",
     "memory": "pm.simulate",
-}
-# what no call honors in one scene, and what to do instead of leaving one of them out
-_NOT_BESIDE = {
-    ("friction", "walls"): (
-        "walls are smooth, and grains would slide on them as if without friction",
-        "make rough walls of held particles (pm.FixedParticles, or held_n where a box deforms)",
-    ),
-    ("rolling", "walls"): (
-        "walls are smooth, and grains would roll on them without resistance",
-        "make rough walls of held particles (pm.FixedParticles, or held_n where a box deforms)",
-    ),
+    "rough": "pm.simulate",
 }
 
 
@@ -150,11 +141,6 @@ class Honors:
     link_tolerance: float = LINK_TOLERANCE
     remarks: Mapping[str, str] = field(default_factory=dict)
 
-    @property
-    def apart(self) -> tuple[tuple[str, str], ...]:
-        """Pairs of columns of which it honors each, but refuses both in one scene."""
-        return tuple(pair for pair in _NOT_BESIDE if set(pair) <= set(self.columns))
-
     def instead(self, column: str) -> str:
         """Return the calls that honor a column which this one refuses."""
         return {"friction": self.rough, "rolling": self.rough, "shapes": self.shaped}.get(column) or INSTEAD[column]
@@ -172,17 +158,6 @@ class Honors:
         pushes = self.at_rest and column == "gravity" and not hasattr(effect, "body_energy")
         moves = self.at_rest and column == "held" and getattr(effect, "moves", False)
         return pushes or moves or self.answer(column) == REFUSED
-
-    def _check_beside(self, name: str, effects: Sequence[Any]) -> None:
-        """Refuse effects of which the call honors each, but which no call honors in one scene."""
-        found = {column: (k, type(one).__qualname__) for k, one in enumerate(effects) for column in columns_of(one)}
-        for one, other in self.apart:
-            if one in found and other in found:
-                (k, kind), (m, beside), (why, way) = found[one], found[other], _NOT_BESIDE[one, other]
-                raise ValueError(
-                    f"{name}.effects must not hold {kind} beside {beside} for pm.{self.call}: {why}, got them at {k} "
-                    f"and {m}: {way}, or leave one out with scene.without(pm.{beside})"
-                )
 
     def check(self, name: str, subject: Any) -> None:
         """Refuse what a scene or a packing holds and the call does not honor; other values pass, and fail there.
@@ -207,7 +182,6 @@ class Honors:
                     f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}{remark}: "
                     f"leave it out with scene.without(pm.{kind}), or use {self.instead(column)}"
                 )
-        self._check_beside(name, getattr(subject, "effects", ()))
         packing = getattr(subject, "packing", subject)
         links, shapes = getattr(packing, "links", None), getattr(packing, "shapes", None)
         where = f"{name}.packing" if packing is not subject else name

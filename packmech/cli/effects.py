@@ -13,6 +13,4 @@ def effects() -> None:
         getattr(packmech, name)
     rows = [(f"pm.{name}", *(CALLS[name].answer(column) for column in COLUMNS)) for name in sorted(CALLS)]
     show(table("what calls do with what a scene holds", ("call", *COLUMNS), rows, right=()))
-    apart = [(f"pm.{name}", *pair) for name in sorted(CALLS) for pair in CALLS[name].apart]
-    show(table("what calls refuse in one scene, though they honor each", ("call", "", "with"), apart, right=()))
     show(table("columns", ("column", "what it is"), COLUMNS.items(), right=()))

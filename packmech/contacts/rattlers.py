@@ -477,26 +477,44 @@ def rough_ends_of(
     """
     i, j, d = contacts.i_c, contacts.j_c, contacts.dimension
     push = end_slopes(i, j, contacts.slope_cx, turn_nkt, d) / contacts.push_c[:, None]
-    normal = push[1, :, :d]
+    ends = zip((i, j), arm_2cd, strict=True)
+    sides = [rows_across(push[1, :, :d], arm_cd, turn_nkt[end], moment_kc) for end, arm_cd in ends]
+    return Ends(np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate(push), np.concatenate(sides))
+
+
+def rows_across(
+    normal_cd: NDArray[np.float64],
+    arm_cd: NDArray[np.float64],
+    turn_ckt: NDArray[np.float64],
+    moment_kc: Sequence[NDArray[np.float64] | None] = (),
+) -> NDArray[np.float64]:
+    """Return the (C, S, X) rows of what acts across one end of contacts: sliding, then rolling, then twisting.
+
+    Parameters
+    ----------
+    normal_cd, arm_cd
+        (C, d) normals, and vectors from the center to the point of contact [length].
+    turn_ckt, moment_kc
+        As of `rough_ends_of`, of the bodies at these ends.
+
+    """
+    d = normal_cd.shape[1]
     if d == 2:
-        across = np.stack([-normal[:, 1], normal[:, 0]], axis=1)[:, None]
+        across = np.stack([-normal_cd[:, 1], normal_cd[:, 0]], axis=1)[:, None]
     else:
         # across the axis of the smallest component, which is farthest from the normal
-        first = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
+        first = np.cross(normal_cd, np.eye(3)[np.abs(normal_cd).argmin(axis=1)])
         first /= np.sqrt((first**2).sum(axis=1, keepdims=True))
-        across = np.stack([first, np.cross(normal, first)], axis=1)
-    sides = []
-    for end, arm_cd in zip((i, j), arm_2cd, strict=True):
-        moment = _cross(arm_cd[:, None], across)
-        rows = [np.concatenate([across, np.einsum("ckt,cst->csk", turn_nkt[end], moment)], axis=2)]
-        # torques along all directions across in space, along the third axis in a plane; then along the normal
-        axes = (np.ones((len(i), 1, 1)) if d == 2 else across), normal[:, None]
-        for axis, size_c in zip(axes, moment_kc, strict=False):
-            if size_c is not None:
-                turned = np.einsum("ckt,cst->csk", turn_nkt[end], size_c[:, None, None] * axis)
-                rows.append(np.concatenate([np.zeros((*turned.shape[:2], d)), turned], axis=2))
-        sides.append(np.concatenate(rows, axis=1))
-    return Ends(np.concatenate([i, j]), np.concatenate([j, i]), np.concatenate(push), np.concatenate(sides))
+        across = np.stack([first, np.cross(normal_cd, first)], axis=1)
+    moment = _cross(arm_cd[:, None], across)
+    rows = [np.concatenate([across, np.einsum("ckt,cst->csk", turn_ckt, moment)], axis=2)]
+    # torques along all directions across in space, along the third axis in a plane; then along the normal
+    axes = (np.ones((len(normal_cd), 1, 1)) if d == 2 else across), normal_cd[:, None]
+    for axis, size_c in zip(axes, moment_kc, strict=False):
+        if size_c is not None:
+            turned = np.einsum("ckt,cst->csk", turn_ckt, size_c[:, None, None] * axis)
+            rows.append(np.concatenate([np.zeros((*turned.shape[:2], d)), turned], axis=2))
+    return np.concatenate(rows, axis=1)
 
 
 def _cross(arm: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:

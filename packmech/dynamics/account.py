@@ -46,6 +46,7 @@ from packmech.dynamics.friction import (
     resist_rolling,
     resist_twisting,
     rolling_slip,
+    spin_of_round,
     stretch_of_force,
     tangential_force,
     torque_of,
@@ -250,7 +251,7 @@ def _no_resistance(one, visiting, laws, pair, spring, slip, normal):
 @inlined
 def _account_rolling(one, visiting, laws, pair, spring, slip, normal):
     axes, arm = laws.axes, reduced_arm(slip)
-    roll = rolling_slip(axes, laws.body, pair.i, pair.j, slip)
+    roll = rolling_slip(axes, arm, spin_of_round(axes, laws.body, pair.i), spin_of_round(axes, laws.body, pair.j), slip)
     across = resist_rolling(one, axes, spring, roll, normal, laws.pace)
     elastic = _of_spring(one, axes, spring, roll, laws.pace)
     x, y, z = torque_of_rolling(across, arm, slip)
@@ -263,7 +264,7 @@ def _account_rolling(one, visiting, laws, pair, spring, slip, normal):
 @inlined
 def _account_twisting(one, visiting, laws, pair, spring, slip, normal):
     axes, arm = laws.axes, reduced_arm(slip)
-    twist = twisting_slip(axes, laws.body, pair.i, pair.j, slip)
+    twist = twisting_slip(arm, spin_of_round(axes, laws.body, pair.i), spin_of_round(axes, laws.body, pair.j), slip)
     across = resist_twisting(one, axes, spring, twist, normal, laws.pace)
     # one number, as the slip of a plane
     elastic = _of_spring(one, (0, 1), spring, twist, laws.pace)

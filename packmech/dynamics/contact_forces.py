@@ -26,24 +26,15 @@ from packmech.dynamics.friction import (
     Across,
     Pull,
     Spring,
-    Turning,
     add_force,
     add_reaction,
     energy_of_springs,
-    follow_stiffness,
     reduced_arm,
     relax,
-    resist_rolling,
-    resist_twisting,
-    rolling_slip,
-    sliding_columns,
+    resist,
+    spin_of_round,
     spring_columns,
-    tangential_force,
-    torque_of,
-    torque_of_rolling,
-    torque_of_twisting,
-    turning_axes,
-    twisting_slip,
+    turns_at,
 )
 from packmech.dynamics.stretches import inner_stretches
 from packmech.effects import (
@@ -191,36 +182,18 @@ def _no_friction(friction, laws, pair, k, touch, u, normal):
 @inlined
 def _friction_of_touch(friction, laws, pair, k, touch, u, normal):
     slip = slip_at_touch(laws.shapes, laws.axes, laws.body, pair, k, touch, u)
-    spring = spring_of(laws, pair, k)
     here = friction_here(friction, laws, pair, touch, u)
-    follow_stiffness(friction.stiffness, laws.axes, spring, here.stiffness, laws.pace)
-    across = tangential_force(here, laws.axes, spring, slip, normal, laws.pace)
-    return across, None, torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
+    return resist(friction, laws.axes, here, slip, None, spring_of(laws, pair, k), normal, laws.pace)
 
 
 @inlined
 def _roughness_of_touch(rough, laws, pair, k, touch, u, normal):
-    axes, i, j = laws.axes, pair.i, pair.j
-    slip = slip_at_touch(laws.shapes, axes, laws.body, pair, k, touch, u)
-    spring = spring_of(laws, pair, k)
+    axes, body = laws.axes, laws.body
+    slip = slip_at_touch(laws.shapes, axes, body, pair, k, touch, u)
     here = friction_here(rough.friction, laws, pair, touch, u)
-    follow_stiffness(rough.friction.stiffness, axes, spring, here.stiffness, laws.pace)
-    across = tangential_force(here, axes, spring, slip, normal, laws.pace)
-    on_i, on_j = torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
-    # its columns come after those of friction, then that of twisting
-    stretch, p, column = spring
-    column += len(sliding_columns(rough.friction, axes))
-    arm = reduced_arm(slip)
-    roll, twist = rolling_slip(axes, laws.body, i, j, slip), twisting_slip(axes, laws.body, i, j, slip)
-    rolling = resist_rolling(rough.rolling, axes, Spring(stretch, p, column), roll, normal, laws.pace)
-    column += len(turning_axes(rough.rolling, axes))
-    twisting = resist_twisting(rough.twisting, axes, Spring(stretch, p, column), twist, normal, laws.pace)
-    rx, ry, rz = torque_of_rolling(rolling, arm, slip)
-    tx, ty, tz = torque_of_twisting(twisting, arm, slip)
-    x, y, z = rx + tx, ry + ty, rz + tz
-    on_i = on_i[0] + x, on_i[1] + y, on_i[2] + z
-    on_j = on_j[0] - x, on_j[1] - y, on_j[2] - z
-    return across, Turning(rolling, twisting), on_i, on_j
+    wi, wj = spin_of_round(axes, body, pair.i), spin_of_round(axes, body, pair.j)
+    turns = turns_at(axes, reduced_arm(slip), wi, wj, slip)
+    return resist(rough, axes, here, slip, turns, spring_of(laws, pair, k), normal, laws.pace)
 
 
 # the tangential force, what resists rolling and twisting (None without), and torques on both rows

@@ -7,6 +7,7 @@ observations with what was there to grow.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from packmech.effects import (
     langevin_of,
     law_scale,
     resistances,
+    rough_walls,
     roughness_of,
 )
 from packmech.scene import Scene
@@ -83,14 +85,21 @@ def largest_held(scene: Scene) -> float:
     """Return what tangential springs can hold at Coulomb's limit, over contacts and the square of their mean force.
 
     mu^2 / (2 k) times 9, as normal forces are not all the same [length/force]; 0 without friction. So those against
-    rolling and twisting.
+    rolling and twisting. Beyond all bounds where walls are rough, whose normal forces are not among those.
     """
+    if rough_walls(scene.effects):
+        return math.inf
     held, lightest = 0.0, float(scene.packing.mass_n.min())
     for one in resistances(roughness_of(scene.effects)):
         there = frictions_at_contacts(scene, one, lightest) if isinstance(one, Friction) else [one]
         softest = min(each.stiffness for each in there)
         held += _BROAD * one.coefficient**2 / (2.0 * softest) if softest > 0.0 else 0.0
     return held
+
+
+def is_frictional(scene: Scene) -> bool:
+    """Whether contacts of a scene, or its walls, have springs that give way."""
+    return roughness_of(scene.effects) is not None or bool(rough_walls(scene.effects))
 
 
 def pace_of_held(scene: Scene) -> float:
@@ -206,7 +215,7 @@ def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
     """Return a watch for a scene stepped by dt in a box that deforms so, or does not."""
     often = steps_between_observations(strain, dt, scene.packing.particles, pace_of_held(scene))
     works = bool(np.isfinite(often))
-    frictional = roughness_of(scene.effects) is not None
+    frictional = is_frictional(scene)
     apart = often if works else _APART
     known = knows_its_energy(scene, strained=works and strain is not None)
     return EnergyWatch(energy_unit(scene), known, works, frictional, apart)
@@ -259,6 +268,8 @@ def moments_of(
         contacts = float(row[columns.CONTACTS])
         # what an unstable spring seems to hold beyond its cap is energy from nowhere
         sliding = min(tangential, held * float(row[columns.TOTAL]) ** 2 / contacts) if contacts > 0.0 else 0.0
+        if held == math.inf:
+            sliding = tangential
         gone = released(float(row[columns.TIME]))
         energy = row[columns.POTENTIAL] + tangential + gone
         kinetic = row[columns.KINETIC] + row[columns.ROTATIONAL]
@@ -292,7 +303,7 @@ class RowWatch:
         released: Callable[[float], float],
     ) -> None:
         self.released = released
-        frictional = roughness_of(scene.effects) is not None
+        frictional = is_frictional(scene)
         known = knows_its_energy(scene, strained=True)
         self.watch = EnergyWatch(energy_unit(scene), known, True, frictional, _APART)
         self.direction_dd, self.every, self.held = direction_dd, every, largest_held(scene)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,7 @@ from packmech.dynamics.time_step import (
     Span,
     run_steps,
 )
+from packmech.dynamics.wall_friction import make_rough_walls, stretches_at_walls
 from packmech.effects import (
     Bonds,
     Langevin,
@@ -84,6 +85,7 @@ from packmech.effects import (
     refuse_memory_of_shapes,
     refuse_tangential_bonds,
     resistances,
+    rough_walls,
     roughness_of,
 )
 from packmech.jit.compiled import kernel
@@ -315,8 +317,13 @@ class Engine:
         if self.space.flow is not None:
             set_flow(self.space.flow, self.space.frame, self.time)
         self._follow()
-        if self.steps == 0 and self.track is not None and self.scene.packing.tangential is not None:
-            self._set_springs(self.scene.packing.tangential)
+        given = self.scene.packing.tangential
+        if self.steps == 0 and given is not None:
+            if self.track is not None:
+                self._set_springs(given)
+            if self.acting.walls is not None:
+                stretch_nk = self.acting.walls.stretch_nk
+                stretch_nk[:] = given.at_walls(*stretch_nk.shape)[self.order_n]
         self._take_forces(ledger)
         if self.state.last is not None:
             self.state.last[:] = self.state.push
@@ -464,9 +471,7 @@ class Engine:
 
     def _set_springs(self, given: TangentialDisplacements) -> None:
         """Set the springs of the listed pairs to the packing's displacements, which the first forces are made of."""
-        d, n = len(self.axes), len(self.order_n)
-        row = np.empty(n, dtype=np.int64)
-        row[self.order_n] = np.arange(n)
+        d, row = len(self.axes), self.row_n
         whole = given.image_cd + self.wrap_nd[given.j_c] - self.wrap_nd[given.i_c]
         image = whole @ np.rint(np.linalg.inv(self.change_dd)).astype(np.int64).T
         i, j, image, turned = one_way(row[given.i_c], row[given.j_c], image)
@@ -478,13 +483,33 @@ class Engine:
         write_stretches(self.pairs, self.track, Stretches(i, j, full, bead, spring))
 
     def tangential(self) -> TangentialDisplacements | None:
-        """Return the displacements of the contacts' tangential springs now; None where all are slack."""
+        """Return the displacements of the tangential springs of contacts and walls now; None where all are slack."""
+        if not self.started:
+            return self.scene.packing.tangential
+        found, at_walls = self._between_particles(), stretches_at_walls(self.system, self.now)[self.row_n]
+        particle = np.flatnonzero(at_walls.any(axis=1))
+        if not len(particle) or not np.isfinite(at_walls).all():
+            return found
+        walls: dict[str, Any] = {"at_wall_w": particle, "wall_stretch_wk": at_walls[particle]}
+        if found is not None:
+            return replace(found, **walls)
+        d = len(self.axes)
+        none, image = np.zeros(0, dtype=np.int64), np.zeros((0, d), dtype=np.int64)
+        return TangentialDisplacements(none, none, image, np.zeros((0, 1 if d == 2 else 3)), **walls)
+
+    @property
+    def row_n(self) -> NDArray[np.int64]:
+        """Row of each particle."""
+        row = np.empty_like(self.order_n)
+        row[self.order_n] = np.arange(len(row))
+        return row
+
+    def _between_particles(self) -> TangentialDisplacements | None:
+        """Return the displacements of the contacts' springs now; None where all are slack."""
         friction = self.acting.friction
         memory = self._memory
         if self.track is None or not (memory or any(one.coefficient for one in resistances(friction))):
             return None
-        if not self.started:
-            return self.scene.packing.tangential
         now = record_contacts(self.system, self.now).stretch_pk
         # a run that went astray has nothing to hand on
         if now is None or not now.any() or not np.isfinite(now).all():
@@ -610,6 +635,8 @@ class Engine:
             found["last_push_nk"] = state.last.copy()
         if self.track is not None:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
+        if self.acting.walls is not None:
+            found["wall_stretch_nk"] = self.acting.walls.stretch_nk.copy()
         if space.bonds is not None:
             found["bond_stretch_bk"] = bond_stretches(space.bonds)
         if self.breaks is not None:
@@ -702,6 +729,8 @@ class Engine:
             raise ValueError(f"engine.row_nk must hold places near the cell, got one {astray:g} lattice vectors away")
         if self.book is not None:
             self.book.restore(saved, len(np.atleast_1d(arrays.get("engine.book.step_t", ()))))
+        if self.acting.walls is not None:
+            self.acting.walls.stretch_nk[:] = saved("wall_stretch_nk", self.acting.walls.stretch_nk)
         if self.rattle is not None:
             refill_rattle(self.rattle, state.body, space.frame.lattice_dd)
             self.rattle.number[:] = saved("link_number", self.rattle.number)
@@ -853,6 +882,11 @@ def build_engine(
             "scene.packing must have no rigid links where the box deforms: they are held in a box at rest only, got "
             f"{len(packing.links)} links"
         )
+    if rough_walls(scene.effects) and ledger_every is not None:
+        raise ValueError(
+            f"scene.effects must hold no rough Walls beside a ledger, got {rough_walls(scene.effects)[0].roughness!r}: "
+            "take friction=pm.Friction(0.0) for smooth ones"
+        )
     pairs = tuple(
         one for one in scene.effects if hasattr(type(one), "pair_energy") or damps(one) or is_interaction(one)
     )
@@ -860,7 +894,8 @@ def build_engine(
     friction, bonds = roughness_of(scene.effects), bonds_of(scene.effects)
     langevin = _bath_of(scene, second_order)
     shapes, memory = packing.shapes, memory_columns(scene.effects)
-    turns = friction is not None or bonds is not None or shapes.has_orientations
+    walls = make_rough_walls(rough_walls(scene.effects), packing.particles, tuple(range(d)))
+    turns = friction is not None or bonds is not None or shapes.has_orientations or walls is not None
     spins = 0 if not turns else 1 if d == 2 else 3
     lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
     order = space_order(packing)
@@ -905,7 +940,7 @@ def build_engine(
         change_dd=change,
         profile=Still() if profile is None else profile,
         direction_dd=direction_dd,
-        acting=Acting(pairs or None, bodies or None, friction, shape),
+        acting=Acting(pairs or None, bodies or None, friction, shape, walls),
         state=EngineArrays(
             tuple(range(spins)),
             body,

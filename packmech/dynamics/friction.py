@@ -28,6 +28,7 @@ from packmech.effects import (
     is_bound,
     pair_damping,
     resistances,
+    rough_walls,
     roughness_of,
 )
 from packmech.effects.pair import at_overlap, hook_of
@@ -375,6 +376,13 @@ def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float
     return found
 
 
+def resistances_at_walls(scene: Scene, smallest_mass: float) -> list[Any]:
+    """Return what acts across contacts of the smallest and of the largest particles with rough walls."""
+    radius_n = scene.packing.radius_n
+    radii = float(radius_n.min()), float(radius_n.max())
+    return [each for one in rough_walls(scene.effects) for each in one.resistances(radii, smallest_mass)]
+
+
 def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
     """Return the share of the forces' last change that belongs in extrapolated velocities [1].
 
@@ -392,6 +400,7 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
     friction, bonds = friction_or_zero(scene.effects), bonds_of(scene.effects)
     springs = [(one.stiffness, one.damping) for one in frictions_at_contacts(scene, friction, smallest_mass)]
     springs += [(one.stiffness, one.damping) for one in resistances(roughness_of(scene.effects))[1:]]
+    springs += [(one.stiffness, one.damping) for one in resistances_at_walls(scene, smallest_mass)]
     if bonds is not None:
         springs.append((bonds.tangential_stiffness, bonds.tangential_damping))
     fastest = _FASTEST[scene.packing.dimension] * stiffening(scene.packing)[1]
@@ -554,10 +563,9 @@ def reduced_arm(slip):
 
 
 @inlined
-def rolling_slip(axes, body, i, j, slip):
+def rolling_slip(axes, arm, wi, wj, slip):
     """Return the rolling of two discs or spheres as a slip: a (w_j - w_i) x n, in a plane its component along t."""
-    wi, wj = spin_of_round(axes, body, i), spin_of_round(axes, body, j)
-    arm, nx, ny, nz = reduced_arm(slip), slip.nx, slip.ny, slip.nz
+    nx, ny, nz = slip.nx, slip.ny, slip.nz
     x, y, z = arm * (wj[0] - wi[0]), arm * (wj[1] - wi[1]), arm * (wj[2] - wi[2])
     if len(axes) == 2:
         return Slip(nx, ny, 0.0, arm, arm, z, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -567,10 +575,8 @@ def rolling_slip(axes, body, i, j, slip):
 
 
 @inlined
-def twisting_slip(axes, body, i, j, slip):
+def twisting_slip(arm, wi, wj, slip):
     """Return the twisting of two spheres as a slip of one number: a (w_j - w_i).n."""
-    wi, wj = spin_of_round(axes, body, i), spin_of_round(axes, body, j)
-    arm = reduced_arm(slip)
     along = (wj[0] - wi[0]) * slip.nx + (wj[1] - wi[1]) * slip.ny + (wj[2] - wi[2]) * slip.nz
     return Slip(slip.nx, slip.ny, slip.nz, arm, arm, arm * along, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -595,6 +601,49 @@ def _twisting_torque(resisting, arm, slip):
 # torques on i of what resists rolling and twisting; those on j are the opposite ones
 torque_of_rolling = by_type(_rolling_torque, {type(None): _no_torque})
 torque_of_twisting = by_type(_twisting_torque, {type(None): _no_torque})
+
+
+class Turns(NamedTuple):
+    """How two round rows turn against each other at a contact: the arm, and rolling and twisting as slips."""
+
+    arm: float
+    roll: Slip
+    twist: Slip
+
+
+@inlined
+def turns_at(axes, arm, wi, wj, slip):
+    """Return how rows with these spins turn against each other."""
+    return Turns(arm, rolling_slip(axes, arm, wi, wj, slip), twisting_slip(arm, wi, wj, slip))
+
+
+@inlined
+def _resist_sliding(friction, axes, here, slip, turns, spring, normal, pace):
+    follow_stiffness(friction.stiffness, axes, spring, here.stiffness, pace)
+    across = tangential_force(here, axes, spring, slip, normal, pace)
+    return across, None, torque_of(slip.lever_i, across), torque_of(slip.lever_j, across)
+
+
+@inlined
+def _resist_all(rough, axes, here, slip, turns, spring, normal, pace):
+    across, _, on_i, on_j = _resist_sliding(rough.friction, axes, here, slip, turns, spring, normal, pace)
+    # their columns come after those of friction, then that of twisting
+    stretch, p, column = spring
+    column += len(sliding_columns(rough.friction, axes))
+    rolling = resist_rolling(rough.rolling, axes, Spring(stretch, p, column), turns.roll, normal, pace)
+    column += len(turning_axes(rough.rolling, axes))
+    twisting = resist_twisting(rough.twisting, axes, Spring(stretch, p, column), turns.twist, normal, pace)
+    rx, ry, rz = torque_of_rolling(rolling, turns.arm, slip)
+    tx, ty, tz = torque_of_twisting(twisting, turns.arm, slip)
+    x, y, z = rx + tx, ry + ty, rz + tz
+    on_i = on_i[0] + x, on_i[1] + y, on_i[2] + z
+    on_j = on_j[0] - x, on_j[1] - y, on_j[2] - z
+    return across, Turning(rolling, twisting), on_i, on_j
+
+
+# the tangential force of a contact with a friction `here`, what resists rolling and twisting (None without), and the
+# torques on both rows; springs go along as the pace says
+resist = by_type(_resist_sliding, {RoughContacts: _resist_all})
 
 
 @inlined

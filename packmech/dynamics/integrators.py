@@ -168,6 +168,9 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
         elif isinstance(one, Walls):
             stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma) for sigma in sizes]
             damped += [steep * one.body_damping(0.5 * sigma, smallest) for sigma in sizes]
+            across = one.resistances([0.5 * sigma for sigma in sizes], smallest)
+            stiff += [0.5 * turned * each.stiffness for each in across]
+            damped += [0.5 * turned * each.damping for each in across]
         elif isinstance(one, Langevin):
             drag += one.rate
         elif hasattr(type(one), "body_force"):

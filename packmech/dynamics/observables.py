@@ -24,6 +24,7 @@ from packmech.dynamics.contact_forces import (
 )
 from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
 from packmech.dynamics.friction import Now
+from packmech.dynamics.wall_friction import energy_at_walls
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
@@ -297,6 +298,7 @@ def measure_into(system, time, now, out):
     measure_bonds(space.bonds, laws, space.frame.lattice_dd, out)
     write_torques(out)
     out[POTENTIAL] += energy_of_bodies(acting.shapes, acting.bodies, state.body, state.mass_n)
+    out[TANGENTIAL] += energy_at_walls(acting.walls, axes, state, now)
     measure_motion(axes, state, laws.rates, out)
     out[MOVING] += power_of_turning(acting.bodies, axes, state, laws.rates)
     measure_spinning(acting.shapes, axes, state, out, ROTATIONAL, SPINNING)

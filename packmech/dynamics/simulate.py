@@ -24,7 +24,8 @@ from packmech.scene import Scene
 
 
 @honors(
-    "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory"
+    "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory "
+    "rough"
 )
 def simulate(
     scene: Scene,
@@ -159,7 +160,8 @@ def simulate(
 
 
 @honors(
-    "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory"
+    "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory "
+    "rough"
 )
 def resume(
     path: str | os.PathLike[str],

@@ -14,12 +14,13 @@ from packmech.dynamics.account import Kicks, book_kicks, keep_springs
 from packmech.dynamics.bath import bathe_rows, leave_bath
 from packmech.dynamics.bonds import bonds_of_block, collect_bonds
 from packmech.dynamics.breaking import limits_of, some_bond_breaks
-from packmech.dynamics.by_shape import dragged_to, push_on_row, turn_shapes
+from packmech.dynamics.by_shape import contact_axes, dragged_to, push_on_row, turn_shapes
 from packmech.dynamics.contact_forces import contacts_of_block, laws_of
 from packmech.dynamics.deformation import ALONG_X, flow_to, gamma_at, maps_of_step, turning, with_scratch
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
+from packmech.dynamics.wall_friction import push_of_rough_walls
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
@@ -40,12 +41,16 @@ WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2
 
 
 class Acting(NamedTuple):
-    """What acts: effects on pairs and on single particles, friction, and the shapes they act on (None without)."""
+    """What acts: effects on pairs and on single particles, friction, the shapes they act on, and rough walls.
+
+    None for what a scene lacks.
+    """
 
     pairs: Any
     bodies: Any
     friction: Any
     shapes: Any = None
+    walls: Any = None
 
 
 class EngineArrays(NamedTuple):
@@ -356,11 +361,14 @@ def take_forces(system, thread, blocks, pace):
     laws, row_b, push = laws_of(system, pace), pairs.row_b, state.push
     for b in range(blocks[0], blocks[1]):
         body_forces(acting.shapes, acting.bodies, axes, state, laws.rates, (row_b[b], row_b[b + 1]))
+        push_of_rough_walls(acting.walls, axes, state, pace, (row_b[b], row_b[b + 1]))
         contacts_of_block(acting.pairs, laws, push, pairs, b)
         bonds_of_block(space.bonds, laws, push, space.frame.lattice_dd, b)
     wait(thread)
+    # where bonds or walls alone turn particles, contacts leave no torques in slots
+    spins = contact_axes(acting.shapes, acting.friction, axes)
     for b in range(blocks[0], blocks[1]):
-        collect(axes, state.spins, pairs.slots, push, b)
+        collect(axes, spins, pairs.slots, push, b)
         collect_bonds(space.bonds, axes, state.spins, push, b)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from packmech.effects.body import (
+    ROUGHNESS,
     SIGNED,
     BackgroundDamping,
     Gravity,
@@ -13,6 +14,8 @@ from packmech.effects.body import (
     body_force,
     body_second,
     first_on_wall,
+    refuse_walls,
+    rough_walls,
     spin_drag,
 )
 from packmech.effects.bonds import (
@@ -100,6 +103,7 @@ from packmech.effects.rolling import (
 from packmech.effects.single import (
     ShapedTerms,
     SingleTerms,
+    WallSide,
     acts_on_single,
     held_velocity,
     lacking_second,
@@ -124,6 +128,7 @@ __all__ = [
     "memory_columns",
     "reach_beyond_contact",
     "SIGNED",
+    "ROUGHNESS",
     "BackgroundDamping",
     "BREAKING_MODES",
     "BondLimits",
@@ -169,6 +174,8 @@ __all__ = [
     "body_force",
     "body_second",
     "first_on_wall",
+    "refuse_walls",
+    "rough_walls",
     "bonded_pairs",
     "bonds_of",
     "under_cap",
@@ -217,6 +224,7 @@ __all__ = [
     "acting_contacts",
     "acts",
     "wall_sides",
+    "WallSide",
 ]
 
 

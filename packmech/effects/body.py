@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from numba import types
 
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
+from packmech.effects.friction import Friction, at_contact
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
 from packmech.effects.pair import TouchingPair, effect, hook_of, pair_damping
+from packmech.effects.rolling import RollingResistance, RoughContacts, TwistingResistance, resistances, roughness_of
 from packmech.jit.compiled import compiled_form, device
+from packmech.packing import Packing
 
+# what acts across contacts, by the names that walls give it
+ROUGHNESS: dict[str, type] = {"friction": Friction, "rolling": RollingResistance, "twisting": TwistingResistance}
 # relative overlap at which the dashpot of a wall is looked up
 _OVERLAP = 0.1
 
@@ -94,7 +100,7 @@ def first_on_wall(wall: Any, distance: float, contact_distance: float, rate: flo
 
 @effect
 class Walls(NamedTuple):
-    """Two smooth walls across an axis (0, 1 or 2), at `low` and `high`; particles touch them as they touch each other.
+    """Two walls across an axis (0, 1 or 2), at `low` and `high`; particles touch them as they touch each other.
 
     A contact with a wall is one with the particle's mirror image, which moves as its mirror image does. At a distance D
     of the center the law is that of the distance rho = 2 D and the contact distance 2 r. The force on the particle is
@@ -109,9 +115,14 @@ class Walls(NamedTuple):
     touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. Of a rigid body each
     bead touches its own image, not those of other beads, which only beads pressed deep into a wall would reach.
 
-    Walls are smooth: scenes with friction are refused, and need rough walls, of particles that are held. Walls stand
-    still. The box goes on behind them: it must be longer than from wall to wall by more than particles press into both,
-    or these touch each other through the walls.
+    Walls have a friction of their own, with its own coefficient, spring and dashpot; so does what resists rolling and
+    twisting. Where the center is at the distance D, the slip is that of the particle's surface there, the arm D, and
+    the normal force that of the wall. `Mindlin` takes the wall's stiffness 2 u''(rho), `DampingRatio` the coefficient
+    2 c of its dashpot at the particle's speed. A scene whose contacts have friction, or resist rolling, must say what
+    its walls do: Friction(0.0) makes them smooth. Rough walls touch discs and spheres, in a box that does not deform.
+
+    Walls stand still. The box goes on behind them: it must be longer than from wall to wall by more than particles
+    press into both, or these touch each other through the walls.
     """
 
     axis: float = 1.0
@@ -119,13 +130,31 @@ class Walls(NamedTuple):
     high: float = 1.0
     law: Law = LinearSpring()
     damping: float | ContactDamping | Restitution | ViscoelasticDamping = 0.0
+    friction: Friction | None = None
+    rolling: RollingResistance | None = None
+    twisting: TwistingResistance | None = None
 
     acts_as = "walls"  # type: ignore[misc]
+
+    @property
+    def acts_also(self) -> tuple[str, ...]:
+        """Columns of the table of effects beside "walls"."""
+        return () if self.roughness is None else ("rough",)
+
+    @property
+    def roughness(self) -> Friction | RoughContacts | None:
+        """What acts across contacts with the walls; None where they are smooth."""
+        found = roughness_of(tuple(one for one in (self.friction, self.rolling, self.twisting) if one is not None))
+        return None if isinstance(found, Friction) and not found.coefficient else found
 
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if self.axis not in (0.0, 1.0, 2.0):
             return f"axis must be 0, 1 or 2, got {self.axis!r}"
+        for name, kind in ROUGHNESS.items():
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, kind):
+                return f"{name} must be {kind.__name__}(...) or None, got {value!r}"
         return "" if self.low < self.high else f"high must be above low ({self.low!r}), got {self.high!r}"
 
     def body_force(
@@ -186,11 +215,60 @@ class Walls(NamedTuple):
         """Return the stiffness at contact [energy/length^2]."""
         return 2.0 * abs(law_second(self.law, 2.0 * radius * 0.999999, 2.0 * radius))
 
+    def resistances(self, radii: Iterable[float], mass: float) -> list[Any]:
+        """Return what acts across contacts of particles of these radii: friction, what resists rolling and twisting.
+
+        A friction whose spring and dashpot follow from the contact once for each radius, barely touching.
+        """
+        found = list(resistances(self.roughness))
+        if found and not all(isinstance(one, float) for one in found[0]):
+            found[:1] = [
+                at_contact(found[0], self.body_stiffness(radius), 2.0 * self.body_damping(radius, mass))
+                for radius in radii
+            ]
+        return found
+
     def body_damping(self, radius: float, mass: float) -> float:
         """Return the coefficient of the dashpot of a particle and its image, at an overlap of 0.1 [mass/time]."""
         at = 2.0 * radius * (1.0 - _OVERLAP), 2.0 * radius
         energy, first, second = (part(self.law, *at) for part in (law_energy, law_first, law_second))
         return dashpot_of(self.damping, TouchingPair(*at, 0.0, energy, first, second, 0.5 * mass))
+
+
+def rough_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:
+    """Return the walls with friction, or with resistance to rolling or twisting, among the effects."""
+    return tuple(one for one in effects if isinstance(one, Walls) and one.roughness is not None)
+
+
+def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
+    """Refuse walls that do not say what they do where contacts have friction, and rough ones that touch shapes.
+
+    Raises
+    ------
+    ValueError
+        Naming the walls.
+
+    """
+    for k, one in enumerate(effects):
+        if not isinstance(one, Walls):
+            continue
+        for name, kind in ROUGHNESS.items():
+            found = next((m for m, other in enumerate(effects) if isinstance(other, kind)), None)
+            if found is not None and getattr(one, name) is None:
+                raise ValueError(
+                    f"effects[{k}].{name} of Walls must be given where contacts have {kind.__name__} "
+                    f"(effects[{found}]), got None: {name}=pm.{kind.__name__}(...), or pm.{kind.__name__}(0.0) for "
+                    "walls without"
+                )
+        if one.roughness is not None and packing.shapes.has_orientations:
+            raise ValueError(
+                f"effects[{k}] must be smooth Walls, with friction=pm.Friction(0.0), for {packing.shapes.names[1]}: "
+                f"rough ones touch discs and spheres, got {one.roughness!r}"
+            )
+        if one.twisting is not None and packing.dimension == 2:
+            raise ValueError(
+                f"effects[{k}].twisting must be None in a plane, where nothing twists, got {one.twisting!r}"
+            )
 
 
 # fields that may be negative

@@ -242,8 +242,17 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
             )
 
 
-def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[tuple[int, Walls, float, WallTouches]]:
-    """Return what touches each wall: place of the effect among all, effect, side (1 below), touches."""
+class WallSide(NamedTuple):
+    """What touches one of two walls: place of the effect among all, the walls, 1 for that below or -1, touches."""
+
+    place: int
+    wall: Walls
+    below: float
+    touches: WallTouches
+
+
+def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[WallSide]:
+    """Return what touches each wall, that below before that above."""
     place = None
     found = []
     for k, one in enumerate(effects):
@@ -251,7 +260,7 @@ def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[tuple[int, Wa
             place = places_in_cell(packing) if place is None else place
             axis = int(one.axis)
             for side, height in ((1.0, place[:, axis] - one.low), (-1.0, one.high - place[:, axis])):
-                found.append((k, one, side, wall_touches(packing, height, axis, side)))
+                found.append(WallSide(k, one, side, wall_touches(packing, height, axis, side)))
     return found
 
 

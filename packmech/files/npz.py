@@ -44,7 +44,7 @@ _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 LINK_GROUP = ("link_", _LINK_ARRAYS, "links")
 _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "tangential displacements")
 # fields of tangential displacements that not all have
-_SPRINGS_ALSO = ("bead_c2", "rolling_ck", "twisting_c", "memory_ck")
+_SPRINGS_ALSO = ("bead_c2", "rolling_ck", "twisting_c", "memory_ck", "at_wall_w", "wall_stretch_wk")
 _SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
 # of the arrays of shapes: what their names begin with, and the version of the format that has them
@@ -126,9 +126,11 @@ def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
         return None
     i_c, j_c, image_cd, displacement_ck = springs
     # the schema of gsd flattens a single column
-    displacement_ck = displacement_ck.reshape(len(i_c), -1)
-    if "rolling_ck" in also:
-        also["rolling_ck"] = also["rolling_ck"].reshape(len(i_c), -1)
+    if displacement_ck.ndim == 1:
+        displacement_ck = displacement_ck[:, None]
+    for name in ("rolling_ck", "memory_ck", "wall_stretch_wk"):
+        if name in also and also[name].ndim == 1:
+            also[name] = also[name][:, None]
     return TangentialDisplacements(i_c, j_c, image_cd, displacement_ck, **also)
 
 

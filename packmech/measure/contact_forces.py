@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -30,16 +29,24 @@ from packmech.effects import (
     held_particles,
     refuse_unknown_to_shapes,
     rolling_of,
+    rough_walls,
     roughness_of,
     shaped_terms,
     single_terms,
     total_push,
     twisting_of,
     under_cap,
+    wall_sides,
 )
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
-from packmech.measure.friction import TurningForces, sum_both, tangential_forces, turning_forces
+from packmech.measure.friction import (
+    TurningForces,
+    sum_both,
+    tangential_forces,
+    turning_forces,
+    wall_resistance,
+)
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -133,7 +140,8 @@ class ContactForces:
         springs = tangential_forces(self.scene, pairs, self.under_cap_c).energy_c + self.turning.energy_c
         whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
         whole += float(np.add.reduce(self.interactions.energy_c))
-        return whole + float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
+        whole += float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
+        return whole + self._pushes.springs
 
     @functools.cached_property
     def turning(self) -> TurningForces:
@@ -255,7 +263,7 @@ class ContactForces:
             pull = links.pairs.normal_cd * tension[:, None]
             force = self._free(force + sum_both(links.pairs, pull, -pull))
         parts = [force]
-        if roughness_of(self.scene.effects) is not None:
+        if roughness_of(self.scene.effects) is not None or rough_walls(self.scene.effects):
             parts.append(self.torque_nk / packing.radius_n[:, None])
         elif turn.size:
             parts.append(np.einsum("nkt,nt->nk", turn, self.torque_nk[:, : turn.shape[2]]))
@@ -305,17 +313,21 @@ class ContactForces:
         a weight do where they touch nothing, linked ones where nothing touches their cluster.
         """
         packing, effects = self.scene.packing, self.scene.effects
-        bearing, rough, groups = self.contacts.select(self.bearing_c), None, None
-        turning = (rolling_of(effects), twisting_of(effects))
+        bearing, walls = self.contacts.select(self.bearing_c), rough_walls(effects)
         mu = _coefficient(self.scene)
-        if mu > 0.0:
-            point, d = bearing.points(packing.radius_n), packing.dimension
-            arm = self.turning.arm_c[self.bearing_c] / mu
-            moments = [None if one is None else one.coefficient * arm for one in turning]
-            rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk, moments)
-            kinds = (d - 1, *(0 if one is None else rows for one, rows in zip(moments, (d - 1, 1), strict=True)))
-            groups = tuple(itertools.accumulate(kinds))
-        return rattlers_among(packing, bearing, effects, rough=rough, friction=mu, groups=groups)
+        # rows are made for this coefficient, and as long as their own is over it
+        unit = mu if mu > 0.0 or not walls else 1.0
+        if unit == 0.0:
+            return rattlers_among(packing, bearing, effects)
+        resisting = rolling_of(effects), twisting_of(effects)
+        rolls = resisting[0] is not None or any(one.rolling for one in walls)
+        twists = resisting[1] is not None or any(one.twisting for one in walls)
+        point, arm = bearing.points(packing.radius_n), self.turning.arm_c[self.bearing_c] / unit
+        sizes = [0.0 if one is None else one.coefficient for one in resisting]
+        moments = [size * arm if there else None for size, there in zip(sizes, (rolls, twists), strict=True)]
+        rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk, moments)
+        rough.side_esx[:, : packing.dimension - 1] *= mu / unit
+        return rattlers_among(packing, bearing, effects, rough=rough, friction=unit, turning=(rolls, twists))
 
     @property
     def spinning_n(self) -> NDArray[np.bool_]:
@@ -408,14 +420,13 @@ def _coefficient(scene: Scene) -> float:
     return friction_or_zero(scene.effects).coefficient
 
 
-@honors("repulsion friction rolling gravity walls held links shapes", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
     Tangential forces are the stiffness of `Friction` times the packing's tangential displacements
-    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force. Walls, where
-    there is no friction, have contacts of their own (`wall_contacts`); their pushes and weights count in the net
-    forces.
+    (`Packing.tangential`, which runs leave there), cut at the coefficient times the normal force. Walls have contacts
+    of their own (`wall_contacts`); what they do, and weights, count in the net forces.
 
     Parameters
     ----------
@@ -460,21 +471,28 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
 
 
 class SinglePush(NamedTuple):
-    """What effects on single particles do: (N, d) forces, (N, 1 or 3) torques, and the terms that these are of."""
+    """What effects on single particles do: (N, d) forces, (N, 1 or 3) torques, and the terms that these are of.
+
+    What rough walls do across is among forces and torques; `springs` is the energy of their springs.
+    """
 
     force_nd: NDArray[np.float64]
     torque_nk: NDArray[np.float64]
     terms: SingleTerms | ShapedTerms
+    springs: float
 
 
 def single_push(scene: Scene) -> SinglePush:
-    """Return the forces and torques of what acts on single particles: walls turn shapes, all else turns nothing."""
+    """Return the forces and torques of what acts on single particles: walls turn shapes, and rough ones all."""
     packing, d = scene.packing, scene.packing.dimension
-    if not packing.shapes.has_orientations:
-        terms = single_terms(scene.effects, packing)
-        return SinglePush(terms.force_nd, np.zeros((packing.particles, 1 if d == 2 else 3)), terms)
-    shaped = shaped_terms(scene.effects, packing)
-    return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped)
+    if packing.shapes.has_orientations:
+        shaped = shaped_terms(scene.effects, packing)
+        return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped, 0.0)
+    terms, sides = single_terms(scene.effects, packing), wall_sides(scene.effects, packing)
+    across = wall_resistance(packing, sides)
+    particle = np.concatenate([np.zeros(0, np.int64), *(one.touches.particle_w for one in sides)])
+    force, torque = across.sums(particle, packing.particles)
+    return SinglePush(terms.force_nd + force, torque, terms, float(across.energy_w.sum()))
 
 
 def rounding_force(packing: Packing, second_c: NDArray[np.float64]) -> float:
@@ -521,7 +539,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory",
+    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -555,7 +573,7 @@ def rattlers_in(scene: Scene) -> NDArray[np.bool_]:
     clusters that can be moved as a whole.
     """
     packing, effects = scene.packing, scene.effects
-    if packing.tangential is not None or friction_of(scene.effects) is not None:
+    if packing.tangential is not None or friction_of(effects) is not None or rough_walls(effects):
         return resting_forces(scene).rattlers_n
     if packing.links and not acts_on_single(effects):
         return find_rattling_clusters(packing).rattling_n

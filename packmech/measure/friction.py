@@ -9,8 +9,19 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
-from packmech.effects import at_contact, contact_terms, friction_of, rolling_of, twisting_of
+from packmech.effects import (
+    Mindlin,
+    Repulsion,
+    RoughContacts,
+    WallSide,
+    at_contact,
+    contact_terms,
+    friction_of,
+    rolling_of,
+    twisting_of,
+)
 from packmech.links import named_rows
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 
@@ -82,12 +93,90 @@ def turning_forces(scene: Scene, contacts: Contacts | ShapeContacts, normal_c: N
     return TurningForces(rolled.force_cd, force[:, 0], arm, rolled.energy_c + energy)
 
 
+class WallResistance(NamedTuple):
+    """What rough walls do across to what touches them, in the order of `wall_sides`: nothing of smooth ones.
+
+    (W, d) forces, (W, 1 or 3) torques, (W,) energies of their springs.
+    """
+
+    force_wd: NDArray[np.float64]
+    torque_wk: NDArray[np.float64]
+    energy_w: NDArray[np.float64]
+
+    def sums(self, particle_w: NDArray[np.int64], particles: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the (N, d) and (N, 1 or 3) sums over what touches walls."""
+        force, torque = (np.zeros((particles, one.shape[1])) for one in (self.force_wd, self.torque_wk))
+        np.add.at(force, particle_w, self.force_wd)
+        np.add.at(torque, particle_w, self.torque_wk)
+        return force, torque
+
+
+def wall_resistance(packing: Packing, sides: list[WallSide]) -> WallResistance:
+    """Return what rough walls do across at rest, by the springs that a packing holds.
+
+    Parameters
+    ----------
+    packing
+        The packing.
+    sides
+        What touches each wall (`wall_sides`).
+
+    """
+    n, d = packing.particles, packing.dimension
+    turns, springs, column = 1 if d == 2 else 3, packing.tangential, 0
+    rough = [one.wall.roughness for one in sides]
+    numbers = [(0, 0, 0) if one is None else _numbers(one, turns) for one in rough]
+    whole = sum(map(sum, numbers))
+    stretch_nk = np.zeros((n, whole)) if springs is None or not whole else springs.at_walls(n, whole)
+    found = [WallResistance(np.zeros((0, d)), np.zeros((0, turns)), np.zeros(0))]
+    for one, counts in zip(sides, numbers, strict=True):
+        stretch = stretch_nk[one.touches.particle_w, column : column + sum(counts)]
+        column += sum(counts)
+        sliding, rolling, twisting = np.split(stretch, np.cumsum(counts)[:-1], axis=1)
+        found.append(_resistance(one, d, (sliding, rolling, twisting)))
+    return WallResistance(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _numbers(rough: Any, turns: int) -> tuple[int, int, int]:
+    """Return how many numbers a contact keeps of sliding (its stiffness among them), rolling and twisting."""
+    friction, rolling, twisting = (
+        (rough.friction, rough.rolling, rough.twisting) if isinstance(rough, RoughContacts) else (rough, None, None)
+    )
+    kept = isinstance(friction.stiffness, Mindlin)
+    return turns + kept, turns * (rolling is not None), int(twisting is not None)
+
+
+def _resistance(side: WallSide, d: int, stretches: tuple[NDArray[np.float64], ...]) -> WallResistance:
+    """Return what a side of a wall does across, given the stretches of sliding, rolling and twisting."""
+    wall, touches = side.wall, side.touches
+    count, turns, rough = len(touches), 1 if d == 2 else 3, wall.roughness
+    if rough is None:
+        return WallResistance(np.zeros((count, d)), np.zeros((count, turns)), np.zeros(count))
+    terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
+    normal = np.zeros((count, d))
+    normal[:, int(wall.axis)] = -side.below
+    push, arm = np.abs(terms.first_c), 0.5 * touches.distance_w
+    friction, *others = rough if isinstance(rough, RoughContacts) else (rough, None, None)
+    here = at_contact(friction, 2.0 * terms.second_c, 0.0)
+    slid = stretches[0][:, :turns]
+    if stretches[0].shape[1] > turns:
+        before = stretches[0][:, turns]
+        slid = slid * np.where((before > 0.0) & (before < here.stiffness), before / here.stiffness, 1.0)[:, None]
+    across = _across(here, slid, normal, push)
+    rolled, twisted = np.zeros((count, turns)), np.zeros((count, 1))
+    rolled = stretches[1] if others[0] is not None else rolled
+    twisted = stretches[2] if others[1] is not None else twisted
+    rolling, (twisting, energy) = _across(others[0], rolled, normal, push), _limited(others[1], twisted, push)
+    turning = TurningForces(across.force_cd + rolling.force_cd, twisting[:, 0], arm, across.energy_c)
+    return WallResistance(across.force_cd, turning.moment_ck(normal), across.energy_c + rolling.energy_c + energy)
+
+
 def _displacements(scene: Scene, contacts: Contacts | ShapeContacts, name: str) -> NDArray[np.float64]:
     """Return the (C, k) displacements of one kind that the packing holds for its contacts; zeros for all others."""
     springs, d = scene.packing.tangential, contacts.dimension
     held = None if springs is None else getattr(springs, name)
     found = np.zeros((len(contacts), 1 if d == 2 or name == "twisting_c" else 3))
-    if springs is not None and held is not None:
+    if springs is not None and held is not None and len(springs):
         known, asked = ((one.i_c, one.j_c, one.image_cd) for one in (contacts, springs))
         place = named_rows(known, asked, contacts.bead_c2, springs.bead_c2)
         found[place[place >= 0]] = held.reshape(len(springs), -1)[place >= 0]

@@ -27,7 +27,7 @@ from packmech.constraints.factor import DEPENDENT, ConstraintFactor
 from packmech.contacts import Contacts, pair_contacts
 from packmech.contacts.elements import distance_rows, end_slopes
 from packmech.contacts.given import check_given, contacts_of
-from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, turns_of
+from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, rows_across, turns_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
     Walls,
@@ -69,7 +69,7 @@ def rattlers_among(
     *,
     rough: Ends | None = None,
     friction: float = 0.0,
-    groups: tuple[int, ...] | None = None,
+    turning: tuple[bool, bool] = (False, False),
 ) -> NDArray[np.bool_]:
     """Return (N,) which particles contacts with others, walls and what is held leave free to move.
 
@@ -83,8 +83,9 @@ def rattlers_among(
         The packing, its contacts and the scene's effects.
     rough
         The ends of the contacts with friction; those without unless given.
-    friction, groups
-        Coefficient of friction [1], and the kinds of its rows as in `rattling_bodies`.
+    friction, turning
+        Coefficient of friction that the rows of `rough` and of walls are made for [1]; and whether these have rows
+        against rolling, and against twisting.
 
     """
     d, links = packing.dimension, links_and_bonds(packing, effects)
@@ -93,7 +94,7 @@ def rattlers_among(
     fixed = held_particles(effects, packing.particles)
     if fixed is not None:
         held |= fixed
-    walls = _wall_ends(packing, effects)
+    walls = _wall_ends(packing, effects, friction, turning)
     pressed = not all(isinstance(one, Walls) for one in single_effects(effects))
     turns = turns_of(packing.turn_nkt) | (rough is not None)
     pulls = _interaction_ends(packing, effects, cluster)
@@ -114,6 +115,8 @@ def rattlers_among(
     turns_b = np.zeros(bodies, dtype=bool)
     turns_b[cluster] = turns
     held_b = np.bincount(cluster, held, bodies) > 0
+    kinds = (d - 1, (d - 1) * turning[0], int(turning[1]))
+    groups = tuple(itertools.accumulate(one for one in kinds if one)) if rough is not None else None
     return rattling_bodies(ends, turns_b, d, friction=friction, groups=groups, held_b=held_b)[cluster]
 
 
@@ -133,13 +136,26 @@ def _interaction_ends(packing: Packing, effects: tuple[Any, ...], cluster_n: NDA
     return Ends(np.tile(body, 2), np.tile(other, 2), push, np.zeros((len(push), 0, push.shape[1])))
 
 
-def _wall_ends(packing: Packing, effects: tuple[Any, ...]) -> Ends:
-    """Return the ends of contacts with walls, which push particles and turn those with shapes."""
+def _wall_ends(packing: Packing, effects: tuple[Any, ...], friction: float, turning: tuple[bool, bool]) -> Ends:
+    """Return the ends of contacts with walls, which push particles and turn those with shapes; rough ones all.
+
+    Rows of rough walls are as long as their coefficients are over that which rows are made for.
+    """
     d, turn = packing.dimension, packing.turn_nkt
     none = np.zeros(0, np.int64)
     found = [Ends(none, none, np.zeros((0, d + turn.shape[1])), np.zeros((0, 0, d + turn.shape[1])))]
-    for _, _, _, touches in wall_sides(effects, packing):
+    for _, wall, _, touches in wall_sides(effects, packing):
         n, slope = touches.particle_w, touches.slope_wx
+        if friction > 0.0 and wall.roughness is not None:
+            spin, normal = packing.spin_nkk[n], -np.sign(slope[:, :d])
+            arm = 0.5 * touches.distance_w
+            sliding, *others = (0.0 if one is None else one.coefficient / friction for one in wall[-3:])
+            moments = [size * arm if there else None for size, there in zip(others, turning, strict=True)]
+            side = rows_across(normal, arm[:, None] * normal, spin, moments)
+            side[:, : d - 1] *= sliding
+            push = np.hstack([-normal, np.zeros((len(n), spin.shape[1]))])
+            found.append(Ends(n, np.full(len(n), -1), push, side))
+            continue
         turned = np.einsum("wkt,wt->wk", turn[n], slope[:, d : d + turn.shape[2]])
         size = np.sqrt((slope[:, :d] ** 2).sum(axis=1, keepdims=True))
         push = np.hstack([slope[:, :d], turned]) / size

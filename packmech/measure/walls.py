@@ -17,6 +17,7 @@ from packmech.effects import (
     refuse_unknown_to_shapes,
     wall_sides,
 )
+from packmech.measure.friction import wall_resistance
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -37,6 +38,8 @@ class WallContacts(NamedTuple):
         (W, d) unit vectors from the particle to the wall.
     force_w
         (W,) forces with which particle and wall push each other [force].
+    tangential_wd
+        (W, d) tangential forces of rough walls on particles [force].
 
     """
 
@@ -44,35 +47,44 @@ class WallContacts(NamedTuple):
     wall_w: NDArray[np.int64]
     normal_wd: NDArray[np.float64]
     force_w: NDArray[np.float64]
+    tangential_wd: NDArray[np.float64]
 
     def __len__(self) -> int:
         return len(self.particle_w)
 
     def on_walls(self) -> NDArray[np.float64]:
         """Return the (d,) force of all particles on all walls [force]."""
-        return np.asarray(self.force_w @ self.normal_wd)
+        return np.asarray(self.force_w @ self.normal_wd - self.tangential_wd.sum(axis=0))
 
 
 def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts:
     """Return the contacts of particles, or the beads of bodies, with walls; one that just touches counts as open."""
-    held = held_particles(effects, packing.particles)
-    found = [WallContacts(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension)), np.zeros(0))]
-    for k, wall, side, touches in wall_sides(effects, packing):
+    held, d = held_particles(effects, packing.particles), packing.dimension
+    none = np.zeros(0, np.int64)
+    found = [WallContacts(none, none, np.zeros((0, d)), np.zeros(0), np.zeros((0, d)))]
+    sides = wall_sides(effects, packing)
+    across_wd, first = wall_resistance(packing, sides).force_wd, 0
+    for k, wall, side, touches in sides:
+        across = across_wd[first : first + len(touches)]
+        first += len(touches)
         terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
         # the slope of half the energy of the particle and its mirror image
         force = -0.5 * terms.first_c * np.abs(touches.slope_wx[:, int(wall.axis)])
         kept = force != 0.0
         if held is not None:
             kept &= ~held[touches.particle_w]
-        normal = np.zeros((int(kept.sum()), packing.dimension))
+        normal = np.zeros((int(kept.sum()), d))
         normal[:, int(wall.axis)] = -side * np.sign(force[kept])
-        found.append(WallContacts(touches.particle_w[kept], np.full(len(normal), k), normal, np.abs(force[kept])))
+        size = np.abs(force[kept])
+        found.append(WallContacts(touches.particle_w[kept], np.full(len(normal), k), normal, size, across[kept]))
     return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-@honors("repulsion friction rolling gravity walls held links shapes", at_rest=True)
+@honors("repulsion friction rolling gravity walls held links shapes rough", at_rest=True)
 def wall_contacts(scene: Scene) -> WallContacts:
     """Return which particles touch walls, and how hard; those that are held do not count.
+
+    Tangential forces are those of the springs that the packing holds (`Packing.tangential`, which runs leave there).
 
     Parameters
     ----------

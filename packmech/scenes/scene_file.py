@@ -70,7 +70,7 @@ import tomli_w
 
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
-from packmech.effects import Bonds, DampingRatio, Mindlin, damps, law_of, registered_effects, registered_laws
+from packmech.effects import ROUGHNESS, Bonds, DampingRatio, Mindlin, damps, law_of, registered_effects, registered_laws
 from packmech.effects.materials import Material
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
@@ -323,6 +323,8 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         **dict.fromkeys(("law", "compression", "tension"), laws),
         "damping": dashpots,
         "stiffness": kinds_of((Mindlin,)),
+        # of walls
+        **{name: kinds_of((kind,)) for name, kind in ROUGHNESS.items()},
         **LIMITS,
     }
     # each effect beside its place; bonds are made once the packing is there

@@ -63,7 +63,13 @@ def effects(silent=None):
         "bonds": none if silent == "bonds" else few,
         "interactions": Tug(0.0 if silent == "interactions" else 0.01),
         "gravity": pm.Gravity(0.0, 0.0) if silent == "gravity" else pm.Gravity(0.01, -0.02),
-        "walls": pm.Walls(1.0, -9.0 if silent == "walls" else 0.15, 9.0 if silent == "walls" else 3.2),
+        "walls": pm.Walls(
+            1.0,
+            -9.0 if silent == "walls" else 0.15,
+            9.0 if silent == "walls" else 3.2,
+            friction=pm.Friction(0.0),
+            rolling=pm.RollingResistance(0.0),
+        ),
         "drag": pm.BackgroundDamping(0.0 if silent == "drag" else 0.1),
         "noise": pm.Langevin(0.0 if silent == "noise" else 1e-3, 0.0 if silent == "noise" else 0.1),
         "held": pm.FixedParticles(() if silent == "held" else (3,)),
@@ -247,12 +253,12 @@ BESIDE = {
 }
 
 
-def test_what_calls_at_rest_refuse_in_one_scene_is_declared():
-    """Calls that honor an effect and links or shapes take both together, unless they are declared not to."""
+def test_calls_at_rest_take_what_they_honor_in_one_scene():
+    """Calls that honor an effect and links or shapes take both together."""
     packing, wrong = at_rest(), []
     first = pm.find_contacts(packing).select(np.arange(1))
     links = pm.Links(first.i_c, first.j_c, first.image_cd, first.distance_c)
-    # whether these take their time is asked elsewhere: only what they refuse
+    # these take their time, and are asked elsewhere
     slow = {"quench", "jam", "settle", "anneal_shape"}
     calls = RESTING | {
         "hessian": lambda scene: pm.hessian(scene, "none"),
@@ -268,17 +274,12 @@ def test_what_calls_at_rest_refuse_in_one_scene_is_declared():
                     continue
                 scene = pm.Scene(packing.replace(links=links) if body == "links" else packing, (pm.Repulsion(), *given))
                 scene = with_shapes(scene) if body == "shapes" else scene
-                apart = {(body, effect), (effect, body)} & set(CALLS[name].apart)
-                if name in slow and not apart:
+                if name in slow:
                     continue
                 try:
                     calls[name](scene)
                 except ValueError as refusal:
-                    if not apart:
-                        wrong.append(f"{name} refuses {body} with {effect}: {refusal}")
-                else:
-                    if apart:
-                        wrong.append(f"{name} takes {body} with {effect}")
+                    wrong.append(f"{name} refuses {body} with {effect}: {refusal}")
     assert not wrong, "\n".join(wrong)
 
 
@@ -291,6 +292,21 @@ def test_calls_at_rest_take_friction_beside_what_acts_beyond_contact(column):
         assert np.isfinite(np.asarray(RESTING[name](scene))).all()
 
 
+def test_rough_walls_are_taken_or_refused():
+    walls = pm.Walls(1.0, 0.15, 3.2, friction=pm.Friction(0.3), rolling=pm.RollingResistance(0.0))
+    scene = pm.Scene(small(), (pm.Repulsion(), pm.Friction(0.5), pm.RollingResistance(0.1), walls))
+    taken = {name for name in CALLS if CALLS[name].answer("rough") == HONORED}
+    assert {"simulate", "settle", "forces", "torques", "energy", "contact_forces", "wall_contacts"} <= taken
+    smooth = scene.replace(effects=(*scene.effects[:3], walls._replace(friction=pm.Friction(0.0))))
+    for name in CALLS:
+        honored = [CALLS[name].answer(each) == HONORED for each in ("repulsion", "friction", "rolling", "walls")]
+        if CALLS[name].packing_only or not all(honored):
+            continue
+        if name not in taken:
+            refuses(name, scene, f"must hold nothing that pm.{name} would ignore, got Walls at 3")
+        CALLS[name].check("scene", smooth)
+
+
 @pytest.mark.parametrize("call", sorted(MOVING))
 def test_every_effect_changes_a_call_that_honors_it(call):
     """A compiled loop of all effects, and the same with one of them of no strength: the answers differ."""
@@ -301,35 +317,11 @@ def test_every_effect_changes_a_call_that_honors_it(call):
     sheared["shear_jam"] += ("noise",)
     left_out = {"simulate": (), "equilibrate": ("noise", "held"), **sheared}.get(call, ("held",))
     assert honored == [column for column in EFFECTS if column not in left_out]
-    # walls are smooth: no scene has them and friction; each effect acts in one of these at least
-    scenes = [
-        [column for column in honored if column not in others] for others in (("walls",), ("friction", "rolling"))
-    ]
-    whole = [MOVING[call](scene_of(*together)) for together in scenes]
-    assert all(np.isfinite(one).all() for one in whole)
+    whole = MOVING[call](scene_of(*honored))
+    assert np.isfinite(whole).all()
     for column in honored:
-        changed = [
-            np.abs(MOVING[call](scene_of(*together, silent=column)) - one).max()
-            for together, one in zip(scenes, whole, strict=True)
-            if column in together
-        ]
-        assert max(changed) > 1e-9, column
-
-
-@pytest.mark.parametrize(("column", "effect"), [("friction", "Friction"), ("rolling", "RollingResistance")])
-@pytest.mark.parametrize("call", sorted(name for name in CALLS if not CALLS[name].packing_only))
-def test_no_call_takes_friction_beside_walls(call, column, effect):
-    """A disc that slides on a floor would go on sliding; at first it must be told apart from what is honored alone."""
-    both = scene_of("repulsion", column, "walls")
-    alone = {CALLS[call].answer(each) for each in (column, "walls")}
-    assert ((column, "walls") in CALLS[call].apart) == (alone == {HONORED})
-    refuses(
-        call,
-        both,
-        rf"must not hold {effect} beside Walls .*held particles \(pm.FixedParticles"
-        if alone == {HONORED}
-        else "would ignore",
-    )
+        changed = np.abs(MOVING[call](scene_of(*honored, silent=column)) - whole).max()
+        assert changed > 1e-9, column
 
 
 @pytest.mark.parametrize("call", sorted(RESTING))
@@ -409,8 +401,10 @@ def test_bonds_that_break_are_refused_where_none_would_and_change_what_honors_th
         pm.ShearBatch([scene], control="strain", dt=0.02)
     # what is there now does not depend on what may break later
     assert all(np.array_equal(RESTING[name](scene), RESTING[name](whole)) for name in now)
+    # limits that nothing reaches, so that compiled code is the same
+    strong = scene.replace(effects=(pm.Repulsion(), replace(weak, breaks_at=pm.BondLimits(stretch=1e6, squeeze=1e6))))
     for name in in_time & set(MOVING):
-        assert np.abs(MOVING[name](scene) - MOVING[name](whole)).max() > 1e-9, name
+        assert np.abs(MOVING[name](scene) - MOVING[name](strong)).max() > 1e-9, name
 
 
 def test_what_is_remembered_changes_what_honors_it_and_is_refused_elsewhere():

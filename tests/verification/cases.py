@@ -393,3 +393,160 @@ def spins_that_rolling_resistance_stops(steps: int) -> Compared:
         )
         found.append(run.spin_nk[0, 1] / spin)
     return Compared(times * rate / spin, np.array(found), 1.0 - times * rate / spin)
+
+
+# -- rough walls ------------------------------------------------------------------------------------------------------
+
+
+def on_rough_wall(starts: Array, stiff: float, restitution: float, steps: int) -> Array:
+    """Return slips after a sphere met a rough wall at a speed of 1, for (K, 2) tangential speeds and slips by spin.
+
+    Its radius and mass are 1, the friction is .4, and the tangential spring 2/7 of the normal one.
+    """
+    # pressed to d, a particle has twice the force of the law of itself and its image
+    law = pm.LinearSpring(0.5 * stiff)
+    walls = pm.Walls(1.0, 0.0, 15.0, law, pm.Restitution(restitution), friction=pm.Friction(0.4, 2.0 / 7.0 * stiff))
+    scene, time = alone(1.0, 1.0, 1.0, walls), math.pi / math.sqrt(stiff)
+    found = []
+    for speed, slip in starts:
+        # a dashpot makes it longer
+        run = pm.simulate(
+            scene, duration=3.0 * time, dt=time / steps, velocity_nd=[[speed, -1.0, 0.0]], spin_nk=[[0.0, 0.0, slip]]
+        )
+        found.append(run.velocity_nd[0, 0] + run.spin_nk[0, 2])
+    return np.array(found)
+
+
+def slips_after(slips: Array, restitution: float) -> Array:
+    """Return slips after impacts at a speed of 1 that stick throughout (rebound in step), or slide throughout."""
+    lost = 3.5 * 0.4 * (1.0 + restitution)
+    return np.where(slips < 0.5 * lost, -slips, slips - lost)
+
+
+@case("Chung and Ooi (2011), test 4", OBLIQUE, steps=200, bound=2e-4)
+def oblique_impact_on_a_rough_wall(steps: int) -> Compared:
+    """A sphere meets a rough wall at the same normal speed and ever flatter: it sticks or slides."""
+    slips = np.array([0.2, 0.8, 1.2, 2.0, 4.0]) * 1.4
+    found = on_rough_wall(np.stack([slips, 0.0 * slips], axis=1), 1e12, 1.0, steps)
+    return Compared(slips / 1.4, -found / slips, -slips_after(slips, 1.0) / slips)
+
+
+@case("Chung and Ooi (2011), test 6", OBLIQUE, steps=200, bound=2e-4)
+def spinning_impact_on_a_rough_wall(steps: int) -> Compared:
+    """A spinning sphere meets a rough wall head on, ever faster spinning: it sticks or slides."""
+    slips = np.array([0.2, 0.8, 1.2, 2.0, 4.0]) * 1.4
+    found = on_rough_wall(np.stack([0.0 * slips, slips], axis=1), 1e12, 1.0, steps)
+    return Compared(slips / 1.4, -found / slips, -slips_after(slips, 1.0) / slips)
+
+
+@case("Chung and Ooi (2011), test 5; MFiX, DEM05", ("angle of impact", "tangential speed after / before"), steps=400,
+      bound=2e-3, order=None, why="the dashpot's force sets in at once, in the middle of a step")  # fmt: skip
+def oblique_impact_with_restitution(steps: int) -> Compared:
+    """A sphere meets a rough wall at angles at which it slides throughout, and keeps .9 of its normal speed."""
+    angles = np.radians([70.0, 75.0, 80.0, 85.0])
+    slips = np.tan(angles)
+    found = on_rough_wall(np.stack([slips, 0.0 * slips], axis=1), 1e12, 0.9, steps)
+    # two sevenths of the change of slip are that of the speed
+    exact = slips + 2.0 / 7.0 * (slips_after(slips, 0.9) - slips)
+    return Compared(np.degrees(angles), (slips + 2.0 / 7.0 * (found - slips)) / slips, exact / slips)
+
+
+def resting_on_wall(
+    friction: pm.Friction, gravity: tuple[float, float], stiff: float = 1e8, rolling: pm.RollingResistance | None = None
+) -> pm.Scene:
+    """Return a sphere of radius 1 and mass 1 that weights press on a rough wall, where its spring balances it."""
+    walls = pm.Walls(1.0, 0.0, 15.0, pm.LinearSpring(0.5 * stiff), friction=friction, rolling=rolling)
+    return alone(1.0, 1.0, 1.0 - gravity[1] / stiff, pm.Gravity(gravity[0], -gravity[1], 0.0), walls)
+
+
+@case("MFiX, DEM04", ("time / time of sliding", "speed / speed at the start"), steps=2000, bound=1e-8, order=None,
+      why="off by the stretch at which the spring slips, at any time step")  # fmt: skip
+def ball_that_slips_and_then_rolls(steps: int) -> Compared:
+    """A ball thrown along a rough floor slips ever slower, and rolls at five sevenths of its speed."""
+    mu, gravity, speed = 0.2, 1.0, 1.0
+    scene = resting_on_wall(pm.Friction(mu, 1e6, 2e3), (0.0, gravity))
+    sliding = 2.0 / 7.0 * speed / (mu * gravity)
+    end = 2.0 * sliding
+    run = pm.simulate(
+        scene, steps=10 * steps, dt=end / (10 * steps), trace_every=steps // 4, trace_positions=True,
+        velocity_nd=[[speed, 0.0, 0.0]], check=False,
+    )  # fmt: skip
+    time = np.asarray(run.trace.step_t) * end / (10 * steps)
+    slips = np.minimum(time, sliding)
+    exact = speed * time - mu * gravity * slips * (time - 0.5 * slips)
+    place = np.asarray(run.trace.position_tnd)[:, 0, 0]
+    return Compared(time[1:] / sliding, (place[1:] - place[0]) / time[1:], exact[1:] / time[1:])
+
+
+@case("Ke and Bray (1995)", ("slope over friction", "acceleration / gravity"), steps=4000, bound=5e-5, order=None,
+      why="off by the time in which the spring is stretched, at any time step")  # fmt: skip
+def ball_on_a_slope(steps: int) -> Compared:
+    """A ball on a rough slope rolls with five sevenths of the pull, or slides where 3.5 mu is below the slope."""
+    mu, slopes, found, exact = 0.2, np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.5]), [], []
+    for slope in slopes:
+        along, across = math.sin(math.atan(slope)), math.cos(math.atan(slope))
+        scene = resting_on_wall(pm.Friction(mu, 1e6, 2e3), (along, across))
+        run = pm.simulate(scene, steps=10 * steps, dt=1.0 / (10 * steps))
+        found.append(run.velocity_nd[0, 0])
+        exact.append(5.0 / 7.0 * along if slope <= 3.5 * mu else along - mu * across)
+    return Compared(slopes / mu, np.array(found), np.array(exact))
+
+
+@case("Ai, Chen, Rotter and Ooi (2011)", ("time / time to rest", "speed / speed at the start"), steps=2000, bound=1e-6,
+      order=None, why="off by the stretch at which the spring slips, at any time step")  # fmt: skip
+def ball_that_rolls_to_rest(steps: int) -> Compared:
+    """A ball that rolls on a floor is stopped at a constant rate by the floor's resistance to rolling."""
+    mu_r, gravity, speed = 0.2, 1.0, 1.0
+    resistance = pm.RollingResistance(mu_r, 1e3, 30.0)
+    scene = resting_on_wall(pm.Friction(0.5, 1e5, 5e2), (0.0, gravity), 1e6, resistance)
+    rate = 5.0 / 7.0 * mu_r * gravity
+    times, found = np.array([0.2, 0.5, 0.8]) * speed / rate, []
+    for time in times:
+        run = pm.simulate(
+            scene, duration=time, dt=speed / rate / (10 * steps), velocity_nd=[[speed, 0.0, 0.0]],
+            spin_nk=[[0.0, 0.0, -speed]],
+        )  # fmt: skip
+        found.append(run.velocity_nd[0, 0] / speed)
+    return Compared(times * rate / speed, np.array(found), 1.0 - times * rate / speed)
+
+
+# -- cohesion ---------------------------------------------------------------------------------------------------------
+
+FLAT, MODULUS = 0.01, 2.0  # work of adhesion, effective Young's modulus
+
+
+def pulled(effects: tuple[Any, ...], distances: Array) -> Array:
+    """Return the pull between two spheres of radius .5 that once touched, at distances of their centers."""
+    found = []
+    for distance in distances:
+        packing = pm.Packing([[1.5, 2.0, 2.0], [1.5 + distance, 2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(4.0, 3))
+        memory = pm.TangentialDisplacements([0], [1], [[0, 0, 0]], [[0.0, 0.0, 0.0]], memory_ck=[[1.0]])
+        scene = pm.Scene(packing.replace(tangential=memory if isinstance(effects[0], pm.JKR) else None), effects)
+        found.append(pm.forces(scene)[0, 0])
+    return np.array(found)
+
+
+@case("Johnson, Kendall and Roberts (1971)", ("radius of contact / that at rest", "pull / pull-off force"), steps=12,
+      bound=1e-12, order=None, why="forces alone are compared, without steps")  # fmt: skip
+def spheres_that_part_by_jkr(steps: int) -> Compared:
+    """Two adhesive spheres are pulled apart: the largest pull is 3/2 pi w R, and 5/6 pi w R where they let go."""
+    radius = 0.25
+    rest = (9.0 * math.pi * FLAT * radius**2 / (2.0 * MODULUS)) ** (1.0 / 3.0)
+    # the contact lets go where the distance is largest
+    a = rest * np.linspace(1.5, (1.0 / 9.0) ** (1.0 / 3.0) * 1.01, steps)
+    overlap = a**2 / radius - np.sqrt(2.0 * math.pi * FLAT * a / MODULUS)
+    force = 4.0 * MODULUS * a**3 / (3.0 * radius) - np.sqrt(8.0 * math.pi * FLAT * MODULUS * a**3)
+    found = pulled((pm.JKR(MODULUS, FLAT),), 1.0 - overlap)
+    return Compared(a / rest, found / (1.5 * math.pi * FLAT * radius), -force / (1.5 * math.pi * FLAT * radius))
+
+
+@case("Derjaguin, Muller and Toporov (1975)", ("gap / range", "pull / pull-off force"), steps=12, bound=1e-12,
+      order=None, why="forces alone are compared, without steps")  # fmt: skip
+def spheres_that_part_by_dmt(steps: int) -> Compared:
+    """Two stiff adhesive spheres are pulled apart: the pull is 2 pi w R where they touch, and falls as gaps squared."""
+    radius, width = 0.25, 0.02
+    gap = width * np.linspace(0.0, 5.0, steps)
+    found = pulled((pm.DMT(FLAT, width, 50.0),), 1.0 + gap)
+    # lowered in proportion to end at the cut
+    exact = (1.0 / (1.0 + gap / width) ** 2 - 1.0 / 51.0**2) / (1.0 - 1.0 / 51.0**2)
+    return Compared(gap / width, found / (2.0 * math.pi * FLAT * radius), exact)

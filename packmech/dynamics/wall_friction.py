@@ -1,0 +1,280 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""What walls do across: friction, and resistance to rolling and twisting. A scene without rough walls has none of it.
+
+The push of walls is that of `Walls.body_force`. A contact with a wall at rest slips as one with a row of no spin would,
+whose arm is nothing: i is the particle, n points to the wall.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import literal_unroll
+from numpy.typing import NDArray
+
+from packmech.dynamics.friction import (
+    Pull,
+    Spring,
+    add_force,
+    energy_of_springs,
+    relax_columns,
+    resist,
+    sliding_columns,
+    slip_of_round,
+    spin_of_round,
+    spring_columns,
+    turning_axes,
+    turns_at,
+)
+from packmech.effects import DampingRatio, Friction, Mindlin, RoughContacts, Walls, law_energy, law_first, law_second
+from packmech.effects.body import dashpot_of
+from packmech.effects.friction import mindlin_stiffness
+from packmech.effects.pair import TouchingPair
+from packmech.jit.by_type import by_type
+from packmech.jit.compiled import inlined, lean
+
+# of each `Walls`, low and high
+_SIDES = 2
+
+
+class RoughWall(NamedTuple):
+    """Walls, and what acts across contacts with them: friction, with what resists rolling and twisting if anything."""
+
+    wall: Walls
+    rough: Any
+
+
+class RoughWalls(NamedTuple):
+    """The rough walls of a scene, and the stretches of the springs of each row: of each wall, low then high."""
+
+    walls: Any
+    stretch_nk: Any
+
+
+class WallTouch(NamedTuple):
+    """A contact of a row with a wall: the direction to it, and the distances of the particle's image in it."""
+
+    x: float
+    y: float
+    z: float
+    rho: float
+    sigma: float
+
+
+def make_rough_walls(walls: tuple[Walls, ...], rows: int, axes: tuple[int, ...]) -> RoughWalls | None:
+    """Return the rough walls of a scene with slack springs; None where there are none."""
+    found = tuple(RoughWall(one, one.roughness) for one in walls)
+    columns = sum(_SIDES * len(spring_columns(one.rough, axes)) for one in found)
+    return RoughWalls(found, np.zeros((rows, columns))) if found else None
+
+
+@inlined
+def _distance(wall, body, i, side):
+    """Return how far the center of a row is from a wall, and the axis and the sign of the direction to it."""
+    axis = int(wall.axis)
+    if side == 0:
+        return body[i, axis] - wall.low, axis, -1.0
+    return wall.high - body[i, axis], axis, 1.0
+
+
+@inlined
+def _touch(wall, body, i, side):
+    distance, axis, sign = _distance(wall, body, i, side)
+    x = sign if axis == 0 else 0.0
+    y = sign if axis == 1 else 0.0
+    z = sign if axis == 2 else 0.0
+    return WallTouch(x, y, z, 2.0 * distance, 2.0 * body[i, 3])
+
+
+@inlined
+def _number(number, wall, touch, rate, mass):
+    return number
+
+
+@inlined
+def _stiffness(mindlin, wall, touch, rate, mass):
+    return max(mindlin_stiffness(mindlin, 2.0 * law_second(wall.law, touch.rho, touch.sigma)), 1e-200)
+
+
+@inlined
+def _dashpot(damping, wall, touch, rate, mass):
+    at = touch.rho, touch.sigma
+    energy, first, second = law_energy(wall.law, *at), law_first(wall.law, *at), law_second(wall.law, *at)
+    return 2.0 * damping.ratio * dashpot_of(wall.damping, TouchingPair(*at, rate, energy, first, second, mass))
+
+
+_stiffness_here = by_type(_number, {Mindlin: _stiffness})
+_dashpot_here = by_type(_number, {DampingRatio: _dashpot})
+
+
+@inlined
+def _sliding_here(friction, wall, touch, rate, mass):
+    return Friction(
+        friction.coefficient,
+        _stiffness_here(friction.stiffness, wall, touch, rate, mass),
+        _dashpot_here(friction.damping, wall, touch, rate, mass),
+    )
+
+
+@inlined
+def _rough_here(rough, wall, touch, rate, mass):
+    return _sliding_here(rough.friction, wall, touch, rate, mass)
+
+
+# the friction with the numbers that it has at a contact with a wall
+_friction_here = by_type(_sliding_here, {RoughContacts: _rough_here})
+
+
+@inlined
+def _no_turns(rough, axes, wi, slip):
+    return None
+
+
+@inlined
+def _turns(rough, axes, wi, slip):
+    return turns_at(axes, slip.lever_i, wi, (0.0, 0.0, 0.0), slip)
+
+
+_turns_at_wall = by_type(_no_turns, {RoughContacts: _turns})
+
+
+@inlined
+def _pull(one, stretch_nk, axes, state, i, column, touch, pace):
+    """Return what a wall does across to a row that touches it; its push is left out, but as the normal force."""
+    body, wall, rough = state.body, one.wall, one.rough
+    u = -body[i, 4], -body[i, 5], -body[i, 6] if len(axes) == 3 else 0.0
+    rate = 2.0 * (u[0] * touch.x + u[1] * touch.y + u[2] * touch.z)
+    here = _friction_here(rough, wall, touch, rate, 0.5 * state.mass_n[i])
+    wi = spin_of_round(axes, body, i)
+    # no line of centers turns: the distance of the slip is left out
+    slip = slip_of_round(
+        axes, WallTouch(touch.x, touch.y, touch.z, 0.0, 0.0), (0.5 * touch.rho, 0.0), u, wi, (0.0, 0.0, 0.0)
+    )
+    normal = abs(law_first(wall.law, touch.rho, touch.sigma))
+    spring = Spring(stretch_nk, i, column)
+    across, turning, on_i, on_j = resist(
+        rough, axes, here, slip, _turns_at_wall(rough, axes, wi, slip), spring, normal, pace
+    )
+    return here, Pull(across.fx, across.fy, across.fz, on_i, on_j, normal, across, turning)
+
+
+@inlined
+def _nothing(rough, axes, state, pace, rows):
+    return None
+
+
+@inlined
+def _push(rough, axes, state, pace, rows):
+    for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
+        column = 0
+        for one in literal_unroll(rough.walls):
+            columns = spring_columns(one.rough, axes)
+            for side in range(2):
+                touch = _touch(one.wall, state.body, i, side)
+                if touch.rho < touch.sigma:
+                    _, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, pace)
+                    add_force(axes, state.spins, state.push, i, pull)
+                else:
+                    relax_columns(columns, rough.stretch_nk, i, column)
+                column += len(columns)
+
+
+@inlined
+def _no_sums(rough, axes, state, now):
+    return 0.0
+
+
+@inlined
+def _energy_of_sliding(rough, here, pull):
+    return energy_of_springs(here, pull)
+
+
+@inlined
+def _energy_of_all(rough, here, pull):
+    return energy_of_springs(RoughContacts(here, rough.rolling, rough.twisting), pull)
+
+
+_energy_of_springs = by_type(_energy_of_sliding, {RoughContacts: _energy_of_all})
+
+
+@inlined
+def _sum_energy(rough, axes, state, now):
+    energy = 0.0
+    for i in range(state.body.shape[0]):
+        column = 0
+        for one in literal_unroll(rough.walls):
+            for side in range(2):
+                touch = _touch(one.wall, state.body, i, side)
+                if touch.rho < touch.sigma:
+                    here, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, now)
+                    energy += _energy_of_springs(one.rough, here, pull)
+                column += len(spring_columns(one.rough, axes))
+    return energy
+
+
+@inlined
+def _write(axes, stretch_nk, i, column, across):
+    stretch_nk[i, column] = across.x
+    if len(axes) == 3:
+        stretch_nk[i, column + 1] = across.y
+        stretch_nk[i, column + 2] = across.z
+
+
+@inlined
+def _write_sliding(rough, axes, stretch_nk, i, column, pull):
+    _write(axes, stretch_nk, i, column, pull.across)
+
+
+@inlined
+def _write_nothing(across, axes, stretch_nk, i, column):
+    return None
+
+
+@inlined
+def _write_turning(across, axes, stretch_nk, i, column):
+    _write(axes, stretch_nk, i, column, across)
+
+
+_write_where_any = by_type(_write_turning, {type(None): _write_nothing})
+
+
+@inlined
+def _write_all(rough, axes, stretch_nk, i, column, pull):
+    _write(axes, stretch_nk, i, column, pull.across)
+    column += len(sliding_columns(rough.friction, axes))
+    _write_where_any(pull.turning.rolling, axes, stretch_nk, i, column)
+    _write_where_any(pull.turning.twisting, (0, 1), stretch_nk, i, column + len(turning_axes(rough.rolling, axes)))
+
+
+_write_stretches = by_type(_write_sliding, {RoughContacts: _write_all})
+
+
+@lean
+def _write_down(rough, axes, state, now, stretch_nk):
+    for i in range(state.body.shape[0]):
+        column = 0
+        for one in literal_unroll(rough.walls):
+            for side in range(2):
+                touch = _touch(one.wall, state.body, i, side)
+                if touch.rho < touch.sigma:
+                    _, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, now)
+                    _write_stretches(one.rough, axes, stretch_nk, i, column, pull)
+                column += len(spring_columns(one.rough, axes))
+
+
+def stretches_at_walls(system: Any, now: Any) -> NDArray[np.float64]:
+    """Return the stretches of rows at rough walls at the time of the force taken last, `now`; no columns without."""
+    rough = system.acting.walls
+    if rough is None:
+        return np.zeros((len(system.state.body), 0))
+    # stiffnesses are those of this time
+    found: NDArray[np.float64] = rough.stretch_nk.copy()
+    _write_down(rough, system.axes, system.state, now, found)
+    return found
+
+
+# adds what rough walls do across to rows whose push holds all else that acts on single ones
+push_of_rough_walls = by_type(_nothing, {RoughWalls: _push})
+# the energy of the springs of rough walls
+energy_at_walls = by_type(_no_sums, {RoughWalls: _sum_energy})
