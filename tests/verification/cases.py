@@ -1,8 +1,8 @@
 """Motions with closed forms: what time steps give beside what mechanics says, at a step and at half of it.
 
-Benchmarks of contacts are tests 1, 2, 3, 7 and 8 of Chung and Ooi, Granul. Matter 13, 643 (2011), which has others on
-rough walls; those of free fall, rebound, stacking and settling are cases DEM01, 02, 03 and 06 of MFiX (Garg, Galvin, Li
-and Pannala, Powder Technol. 220, 122 (2012)). Closed forms are derived here, for any stiffness.
+Benchmarks of contacts are tests 1 to 8 of Chung and Ooi, Granul. Matter 13, 643 (2011); those of free fall, rebound,
+stacking, sliding, oblique impact and settling are cases DEM01 to 06 of MFiX (Garg, Galvin, Li and Pannala, Powder
+Technol. 220, 122 (2012)). Closed forms are derived here, for any stiffness.
 """
 
 from __future__ import annotations
