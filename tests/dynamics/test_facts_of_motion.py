@@ -289,6 +289,17 @@ def test_a_strain_of_one_brings_the_same_lattice_of_images():
     )
 
 
+def test_without_friction_nothing_turns_but_what_a_bond_turns():
+    """Rows in several blocks hand each other forces; torques only where contacts have them."""
+    start = pm.random_packing(800, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.9, seed=1)
+    near = pm.find_contacts(start)
+    bonds = pm.Bonds(near.i_c[:1], near.j_c[:1], near.image_cd[:1], near.distance_c[:1] * 1.1)
+    velocity = np.random.default_rng(1).standard_normal((800, 2))
+    run = pm.simulate(pm.Scene(start, (pm.Repulsion(), bonds)), steps=50, velocity_nd=velocity)
+    turned = np.flatnonzero(run.spin_nk[:, 0])
+    assert set(turned.tolist()) == {int(near.i_c[0]), int(near.j_c[0])}
+
+
 def test_bonds_and_drag_alone_make_a_damped_oscillator_without_any_effect_between_touching_pairs():
     # relative motion: d2s/dt2 = -(2 k / m) s - rate ds/dt
     stiffness, rate, stretch, mass = 3.0, 0.2, 0.1, 1.5
