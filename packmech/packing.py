@@ -273,7 +273,7 @@ class Packing:
         links = len(self.links)
         held = [f"{links} rigid link{'' if links == 1 else 's'}" if links else ""]
         held.append(type(self.shapes).__name__ if self.shapes.has_orientations else "")
-        held.append(f"{len(self.tangential)} tangential displacements" if self.tangential is not None else "")
+        held.append(f"{self.tangential.springs} tangential displacements" if self.tangential is not None else "")
         held.append("masses given" if self.given_mass_n is not None else "")
         radii = f"radius {small:.6g}" if small == large else f"radii {small:.6g} to {large:.6g}"
         volume = f"box of {'area' if self.dimension == 2 else 'volume'} {self.box.volume:.6g}"
@@ -531,7 +531,7 @@ def no_tangential(name: str, packing: Packing) -> None:
     if packing.tangential is not None:
         raise ValueError(
             f"{name} must have no tangential displacements for this call, to which only normal forces hold particles, "
-            f"got {len(packing.tangential)}: ask pm.contact_forces(scene), or leave them out with "
+            f"got {packing.tangential.springs}: ask pm.contact_forces(scene), or leave them out with "
             "packing.replace(tangential=None)"
         )
 

@@ -23,8 +23,8 @@ class TangentialDisplacements:
     """Displacements of the tangential springs of a packing's contacts; each once, sorted by (i, j, image).
 
     They belong to the packing as it stands: a packing whose particles or box have changed has none. They act where
-    the scene has friction. The force on particle i is the tangential stiffness times the displacement of j's surface
-    relative to i's.
+    the scene has friction, those at walls where its walls have, and are left out in others. The force on particle i is
+    the tangential stiffness times the displacement of j's surface relative to i's.
 
     Parameters
     ----------
@@ -48,9 +48,9 @@ class TangentialDisplacements:
         `CapillaryBridge` whether it is bound. None where nothing is remembered.
     at_wall_w, wall_stretch_wk
         (W,) particles, each once, and (W, K) displacements of their springs at rough `Walls`, in the order of the
-        scene's effects, low before high: of each wall those of sliding (1 or 3, with `Mindlin` its stiffness, too),
-        rolling (1 or 3) and twisting (1), as many as it has [length]. Tangents are those of the direction to the wall.
-        None without.
+        scene's effects, low before high: of each wall those of sliding (1 or 3), the stiffness that `Mindlin` keeps,
+        rolling (1 or 3) and twisting (1), 0 for what it lacks [length]. Tangents are those of the direction to the
+        wall. None without.
 
     Raises
     ------
@@ -122,6 +122,11 @@ class TangentialDisplacements:
 
     def __len__(self) -> int:
         return len(self.i_c)
+
+    @property
+    def springs(self) -> int:
+        """Number of contacts, and of particles at rough walls, that have displacements."""
+        return len(self) + (0 if self.at_wall_w is None else len(self.at_wall_w))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, TangentialDisplacements) and all(

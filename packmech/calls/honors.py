@@ -66,7 +66,7 @@ INSTEAD = {
     "shapes": "pm.jam or pm.quench",
     "breaking": "pm.simulate or pm.ramp_strain",
     "memory": "pm.simulate",
-    "rough": "pm.simulate",
+    "rough": "pm.simulate or pm.settle",
 }
 
 
@@ -175,6 +175,12 @@ class Honors:
                 raise ValueError(
                     f"{name}.effects must hold no bonds that break for pm.{self.call}, which would break none, got "
                     f"limits of {kind} at {k}: take them away with bonds.unbreakable(), or use {self.instead(column)}"
+                )
+            if column == "rough":
+                raise ValueError(
+                    f"{name}.effects must hold smooth walls for pm.{self.call}, which knows no rough ones, got {kind} "
+                    f"with friction or resistance to rolling at {k}: take friction=pm.Friction(0.0), or use "
+                    f"{self.instead(column)}"
                 )
             if column is not None:
                 remark = f" ({self.remarks[column]})" if column in self.remarks else ""

@@ -68,7 +68,7 @@ def analyze(
     chosen, source = _law(file, law)
     if friction is None and packing.tangential is not None:
         raise ValueError(
-            f"friction must be given for a packing that friction holds, got none with {len(packing.tangential)} "
+            f"friction must be given for a packing that friction holds, got none with {packing.tangential.springs} "
             f"tangential springs in {str(file)!r}: give its coefficient, as --friction 0.5, or 0 to judge it without"
         )
     acting = () if not friction else (Friction(friction),)
@@ -77,6 +77,8 @@ def analyze(
     show(f"law: {kind_of(type(chosen))} {settings} ({source})")
     if friction is not None:
         show(f"friction: {to_table(acting[0]) if acting else 'none, tangential springs left out'} (as asked)")
+    if acting and packing.tangential is not None and packing.tangential.at_wall_w is not None:
+        show(f"walls: none, springs of {len(packing.tangential.at_wall_w)} particles at them left out")
     with working("analyzing") as say:
         report = examine(scene, strain=asked, modes=count, gap_tolerance=gap_tolerance, method=method, progress=say)
     title, summary, numbers = title_of(file.name, report), report.summary(), report.to_dict()

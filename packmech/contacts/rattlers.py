@@ -371,6 +371,7 @@ def _find_rattling(  # type: ignore[no-untyped-def]
         length -= 1
         waiting[i] = False
         count = 0
+        slides = False
         for h in range(start[i], start[i + 1]):
             e = order[h]
             if other[e] < 0 or not rattling[other[e]]:
@@ -379,11 +380,13 @@ def _find_rattling(  # type: ignore[no-untyped-def]
                     if rotates is not None:
                         for b in range(side.shape[1]):
                             sides[count, b, a] = side[e, b, a]
+                            slides = slides or side[e, b, a] != 0.0
                 count += 1
         if rotates is None:
             held = not _is_free(pushes, d, x, y, angle, count)
         else:
-            if rotates[i]:
+            # where walls alone are rough, what touches none of them is held by pushes, whatever turns
+            if rotates[i] and (slides or mu == 0.0):
                 enough = mu > 0.0 or count > d
                 held = enough and can_balance(pushes, sides, groups, count, mu)  # type: ignore[no-untyped-call]
             else:

@@ -7,7 +7,6 @@ observations with what was there to grow.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -85,10 +84,8 @@ def largest_held(scene: Scene) -> float:
     """Return what tangential springs can hold at Coulomb's limit, over contacts and the square of their mean force.
 
     mu^2 / (2 k) times 9, as normal forces are not all the same [length/force]; 0 without friction. So those against
-    rolling and twisting. Beyond all bounds where walls are rough, whose normal forces are not among those.
+    rolling and twisting.
     """
-    if rough_walls(scene.effects):
-        return math.inf
     held, lightest = 0.0, float(scene.packing.mass_n.min())
     for one in resistances(roughness_of(scene.effects)):
         there = frictions_at_contacts(scene, one, lightest) if isinstance(one, Friction) else [one]
@@ -264,12 +261,13 @@ def moments_of(
     for row in row_tk:
         rate = row[columns.RATE] * direction_dd @ np.linalg.inv(np.eye(d) + row[columns.STRAIN] * direction_dd)
         contact, motion = (row[k : k + 9].reshape(3, 3)[:d, :d] for k in (columns.FORCE, columns.MOTION))
-        tangential = float(row[columns.TANGENTIAL])
+        tangential, at_walls = float(row[columns.TANGENTIAL]), float(row[columns.AT_WALLS])
         contacts = float(row[columns.CONTACTS])
         # what an unstable spring seems to hold beyond its cap is energy from nowhere
-        sliding = min(tangential, held * float(row[columns.TOTAL]) ** 2 / contacts) if contacts > 0.0 else 0.0
-        if held == math.inf:
-            sliding = tangential
+        sliding = 0.0
+        if contacts > 0.0:
+            sliding = min(tangential - at_walls, held * float(row[columns.TOTAL]) ** 2 / contacts)
+        sliding += min(at_walls, float(row[columns.HELD_AT_WALLS]))
         gone = released(float(row[columns.TIME]))
         energy = row[columns.POTENTIAL] + tangential + gone
         kinetic = row[columns.KINETIC] + row[columns.ROTATIONAL]

@@ -87,6 +87,7 @@ from packmech.effects import (
     resistances,
     rough_walls,
     roughness_of,
+    wall_columns,
 )
 from packmech.jit.compiled import kernel
 from packmech.links import Links, one_way
@@ -322,8 +323,9 @@ class Engine:
             if self.track is not None:
                 self._set_springs(given)
             if self.acting.walls is not None:
-                stretch_nk = self.acting.walls.stretch_nk
-                stretch_nk[:] = given.at_walls(*stretch_nk.shape)[self.order_n]
+                used, columns = wall_columns(rough_walls(self.scene.effects), len(self.axes))
+                whole = given.at_walls(len(self.order_n), columns)
+                self.acting.walls.stretch_nk[:] = whole[self.order_n][:, used]
         self._take_forces(ledger)
         if self.state.last is not None:
             self.state.last[:] = self.state.push
@@ -490,7 +492,10 @@ class Engine:
         particle = np.flatnonzero(at_walls.any(axis=1))
         if not len(particle) or not np.isfinite(at_walls).all():
             return found
-        walls: dict[str, Any] = {"at_wall_w": particle, "wall_stretch_wk": at_walls[particle]}
+        used, columns = wall_columns(rough_walls(self.scene.effects), len(self.axes))
+        whole = np.zeros((len(particle), columns))
+        whole[:, used] = at_walls[particle]
+        walls: dict[str, Any] = {"at_wall_w": particle, "wall_stretch_wk": whole}
         if found is not None:
             return replace(found, **walls)
         d = len(self.axes)

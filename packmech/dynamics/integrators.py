@@ -29,6 +29,8 @@ from packmech.scene import Scene
 
 # overlaps [1] at which the stiffness of a contact is looked up
 _OVERLAPS = (0.0, 0.1)
+# a wall's law is cut off where it just touches
+_BARELY = 1e-6
 # distances between the largest of these overlaps and their reach, and alignments, at which interactions are looked up
 _DISTANCES, _ALIGNMENTS = 64, (-1.0, 0.0, 0.5, 1.0)
 
@@ -166,7 +168,9 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             stiff.append(turned * one.tangential_stiffness)
             damped += [one.damping, turned * one.tangential_damping]
         elif isinstance(one, Walls):
-            stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma) for sigma in sizes]
+            # barely touching and pressed deep, as contacts are looked up
+            for overlap in (_BARELY, _OVERLAPS[-1]):
+                stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma, overlap) for sigma in sizes]
             damped += [steep * one.body_damping(0.5 * sigma, smallest) for sigma in sizes]
             across = one.resistances([0.5 * sigma for sigma in sizes], smallest)
             stiff += [0.5 * turned * each.stiffness for each in across]

@@ -41,7 +41,9 @@ TORQUE, MOMENTUM, ANGULAR, IMPULSE = 47, 50, 53, 56
 LINKED, LINK_ERROR = 57, 66
 # power of what moves particles that are held, and of a flow whose drag turns particles
 MOVING = 67
-COLUMNS = 68
+# energy of the springs at rough walls, part of TANGENTIAL, and what these can hold at their limits
+AT_WALLS, HELD_AT_WALLS = 68, 69
+COLUMNS = 70
 
 
 @inlined
@@ -298,7 +300,8 @@ def measure_into(system, time, now, out):
     measure_bonds(space.bonds, laws, space.frame.lattice_dd, out)
     write_torques(out)
     out[POTENTIAL] += energy_of_bodies(acting.shapes, acting.bodies, state.body, state.mass_n)
-    out[TANGENTIAL] += energy_at_walls(acting.walls, axes, state, now)
+    out[AT_WALLS], out[HELD_AT_WALLS] = energy_at_walls(acting.walls, axes, state, now)
+    out[TANGENTIAL] += out[AT_WALLS]
     measure_motion(axes, state, laws.rates, out)
     out[MOVING] += power_of_turning(acting.bodies, axes, state, laws.rates)
     measure_spinning(acting.shapes, axes, state, out, ROTATIONAL, SPINNING)

@@ -12,6 +12,8 @@ from packmech.dynamics.friction import frictions_at_contacts, resistances_at_wal
 from packmech.effects import (
     BackgroundDamping,
     Friction,
+    RollingResistance,
+    TwistingResistance,
     acting_friction,
     bonds_of,
     interaction_law,
@@ -84,13 +86,13 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
             arm = float(radius_n.min() / (radius_n.min() + radius_n.max()))
             rolling = one.stiffness, one.damping, arm**2 * (turned - 1.0) * pair
             found.append(LoneMotion("the resistance of a contact to rolling or twisting", *rolling, True))
-    for one in resistances_at_walls(scene, 1.0 / float(free_n.max())) if not packing.links else ():
-        across = (
-            one.stiffness,
-            one.damping,
-            (turned if isinstance(one, Friction) else turned - 1.0) * float(free_n.max()),
-        )
-        found.append(LoneMotion("what acts across a contact with a wall", *across, True))
+    lightest = float(free_n.max())
+    at_walls = [] if packing.links else resistances_at_walls(scene, 1.0 / lightest)
+    for kind, share in ((Friction, turned), (RollingResistance, turned - 1.0), (TwistingResistance, turned - 1.0)):
+        there = [one for one in at_walls if isinstance(one, kind)]
+        if there:
+            across = min(one.stiffness for one in there), min(one.damping for one in there), share * lightest
+            found.append(LoneMotion("what acts across a contact with a wall", *across, True))
     bonds = bonds_of(scene.effects)
     if bonds is not None and not packing.links:
         bond = float((inverse_mass_n[bonds.i_b] + inverse_mass_n[bonds.j_b]).max())

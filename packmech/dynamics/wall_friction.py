@@ -27,15 +27,22 @@ from packmech.dynamics.friction import (
     turning_axes,
     turns_at,
 )
-from packmech.effects import DampingRatio, Friction, Mindlin, RoughContacts, Walls, law_energy, law_first, law_second
+from packmech.effects import (
+    SIDES,
+    DampingRatio,
+    Friction,
+    Mindlin,
+    RoughContacts,
+    Walls,
+    law_energy,
+    law_first,
+    law_second,
+)
 from packmech.effects.body import dashpot_of
 from packmech.effects.friction import mindlin_stiffness
 from packmech.effects.pair import TouchingPair
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined, lean
-
-# of each `Walls`, low and high
-_SIDES = 2
 
 
 class RoughWall(NamedTuple):
@@ -65,7 +72,7 @@ class WallTouch(NamedTuple):
 def make_rough_walls(walls: tuple[Walls, ...], rows: int, axes: tuple[int, ...]) -> RoughWalls | None:
     """Return the rough walls of a scene with slack springs; None where there are none."""
     found = tuple(RoughWall(one, one.roughness) for one in walls)
-    columns = sum(_SIDES * len(spring_columns(one.rough, axes)) for one in found)
+    columns = sum(SIDES * len(spring_columns(one.rough, axes)) for one in found)
     return RoughWalls(found, np.zeros((rows, columns))) if found else None
 
 
@@ -170,7 +177,7 @@ def _push(rough, axes, state, pace, rows):
         column = 0
         for one in literal_unroll(rough.walls):
             columns = spring_columns(one.rough, axes)
-            for side in range(2):
+            for side in range(SIDES):
                 touch = _touch(one.wall, state.body, i, side)
                 if touch.rho < touch.sigma:
                     _, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, pace)
@@ -182,7 +189,35 @@ def _push(rough, axes, state, pace, rows):
 
 @inlined
 def _no_sums(rough, axes, state, now):
+    return 0.0, 0.0
+
+
+@inlined
+def _nothing_held(one, normal):
     return 0.0
+
+
+@inlined
+def _held_at_cap(one, normal):
+    cap = one.coefficient * normal
+    return 0.5 * cap * cap / one.stiffness if one.stiffness > 0.0 else 0.0
+
+
+# what a spring can hold at its cap
+_held = by_type(_held_at_cap, {type(None): _nothing_held})
+
+
+@inlined
+def _held_by_friction(rough, here, normal):
+    return _held(here, normal)
+
+
+@inlined
+def _held_by_all(rough, here, normal):
+    return _held(here, normal) + _held(rough.rolling, normal) + _held(rough.twisting, normal)
+
+
+_held_there = by_type(_held_by_friction, {RoughContacts: _held_by_all})
 
 
 @inlined
@@ -200,17 +235,18 @@ _energy_of_springs = by_type(_energy_of_sliding, {RoughContacts: _energy_of_all}
 
 @inlined
 def _sum_energy(rough, axes, state, now):
-    energy = 0.0
+    energy = held = 0.0
     for i in range(state.body.shape[0]):
         column = 0
         for one in literal_unroll(rough.walls):
-            for side in range(2):
+            for side in range(SIDES):
                 touch = _touch(one.wall, state.body, i, side)
                 if touch.rho < touch.sigma:
                     here, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, now)
                     energy += _energy_of_springs(one.rough, here, pull)
+                    held += _held_there(one.rough, here, pull.normal)
                 column += len(spring_columns(one.rough, axes))
-    return energy
+    return energy, held
 
 
 @inlined
@@ -255,7 +291,7 @@ def _write_down(rough, axes, state, now, stretch_nk):
     for i in range(state.body.shape[0]):
         column = 0
         for one in literal_unroll(rough.walls):
-            for side in range(2):
+            for side in range(SIDES):
                 touch = _touch(one.wall, state.body, i, side)
                 if touch.rho < touch.sigma:
                     _, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, now)
@@ -276,5 +312,5 @@ def stretches_at_walls(system: Any, now: Any) -> NDArray[np.float64]:
 
 # adds what rough walls do across to rows whose push holds all else that acts on single ones
 push_of_rough_walls = by_type(_nothing, {RoughWalls: _push})
-# the energy of the springs of rough walls
+# the energy of the springs of rough walls, and what they can hold at their caps
 energy_at_walls = by_type(_no_sums, {RoughWalls: _sum_energy})

@@ -6,6 +6,7 @@ from typing import Any
 
 from packmech.effects.body import (
     ROUGHNESS,
+    SIDES,
     SIGNED,
     BackgroundDamping,
     Gravity,
@@ -17,6 +18,7 @@ from packmech.effects.body import (
     refuse_walls,
     rough_walls,
     spin_drag,
+    wall_columns,
 )
 from packmech.effects.bonds import (
     BREAKING_MODES,
@@ -129,6 +131,7 @@ __all__ = [
     "reach_beyond_contact",
     "SIGNED",
     "ROUGHNESS",
+    "SIDES",
     "BackgroundDamping",
     "BREAKING_MODES",
     "BondLimits",
@@ -176,6 +179,7 @@ __all__ = [
     "first_on_wall",
     "refuse_walls",
     "rough_walls",
+    "wall_columns",
     "bonded_pairs",
     "bonds_of",
     "under_cap",

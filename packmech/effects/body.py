@@ -8,17 +8,19 @@ from typing import Any, NamedTuple
 from numba import types
 
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
-from packmech.effects.friction import Friction, at_contact
+from packmech.effects.friction import Friction, Mindlin, at_contact
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
 from packmech.effects.pair import TouchingPair, effect, hook_of, pair_damping
 from packmech.effects.rolling import RollingResistance, RoughContacts, TwistingResistance, resistances, roughness_of
 from packmech.jit.compiled import compiled_form, device
 from packmech.packing import Packing
 
+# of each `Walls`, low and high
+SIDES = 2
 # what acts across contacts, by the names that walls give it
 ROUGHNESS: dict[str, type] = {"friction": Friction, "rolling": RollingResistance, "twisting": TwistingResistance}
-# relative overlap at which the dashpot of a wall is looked up
-_OVERLAP = 0.1
+# relative overlaps at which what walls do is looked up
+_BARELY, _OVERLAP = 1e-9, 0.1
 
 
 @effect
@@ -123,6 +125,22 @@ class Walls(NamedTuple):
 
     Walls stand still. The box goes on behind them: it must be longer than from wall to wall by more than particles
     press into both, or these touch each other through the walls.
+
+    Parameters
+    ----------
+    axis
+        0, 1 or 2: the walls stand across x, y or z.
+    low, high
+        Places of the two walls [length].
+    law
+        What pushes at an overlap with the image.
+    damping
+        Coefficient of a dashpot [mass/time], or one such as `Restitution`.
+    friction
+        `Friction` of the walls, in scene files { kind = "friction", coefficient = 0.3 }; none unless given.
+    rolling, twisting
+        `RollingResistance` and `TwistingResistance` of the walls, tables of these kinds; none unless given.
+
     """
 
     axis: float = 1.0
@@ -211,26 +229,29 @@ class Walls(NamedTuple):
             return 0.0, second, 0.0, 0.0, 0.0, 0.0
         return 0.0, 0.0, second, 0.0, 0.0, 0.0
 
-    def body_stiffness(self, radius: float) -> float:
-        """Return the stiffness at contact [energy/length^2]."""
-        return 2.0 * abs(law_second(self.law, 2.0 * radius * 0.999999, 2.0 * radius))
+    def body_stiffness(self, radius: float, overlap: float = 1e-6) -> float:
+        """Return the stiffness at a relative overlap [energy/length^2]."""
+        return 2.0 * abs(law_second(self.law, 2.0 * radius * (1.0 - overlap), 2.0 * radius))
 
     def resistances(self, radii: Iterable[float], mass: float) -> list[Any]:
         """Return what acts across contacts of particles of these radii: friction, what resists rolling and twisting.
 
-        A friction whose spring and dashpot follow from the contact once for each radius, barely touching.
+        A friction whose spring and dashpot follow from the contact for each radius, barely touching and pressed deep.
         """
-        found = list(resistances(self.roughness))
+        found = [one for one in resistances(self.roughness) if one.coefficient > 0.0]
         if found and not all(isinstance(one, float) for one in found[0]):
             found[:1] = [
-                at_contact(found[0], self.body_stiffness(radius), 2.0 * self.body_damping(radius, mass))
+                at_contact(
+                    found[0], self.body_stiffness(radius, overlap), 2.0 * self.body_damping(radius, mass, overlap)
+                )
                 for radius in radii
+                for overlap in (_BARELY, _OVERLAP)
             ]
         return found
 
-    def body_damping(self, radius: float, mass: float) -> float:
-        """Return the coefficient of the dashpot of a particle and its image, at an overlap of 0.1 [mass/time]."""
-        at = 2.0 * radius * (1.0 - _OVERLAP), 2.0 * radius
+    def body_damping(self, radius: float, mass: float, overlap: float = 0.1) -> float:
+        """Return the coefficient of the dashpot of a particle and its image, at a relative overlap [mass/time]."""
+        at = 2.0 * radius * (1.0 - overlap), 2.0 * radius
         energy, first, second = (part(self.law, *at) for part in (law_energy, law_first, law_second))
         return dashpot_of(self.damping, TouchingPair(*at, 0.0, energy, first, second, 0.5 * mass))
 
@@ -238,6 +259,24 @@ class Walls(NamedTuple):
 def rough_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:
     """Return the walls with friction, or with resistance to rolling or twisting, among the effects."""
     return tuple(one for one in effects if isinstance(one, Walls) and one.roughness is not None)
+
+
+def wall_columns(walls: tuple[Walls, ...], dimension: int) -> tuple[list[int], int]:
+    """Return which columns of `TangentialDisplacements.wall_stretch_wk` rough walls use, and how many there are.
+
+    Of each wall, low before high: sliding (1 or 3), `Mindlin`'s stiffness, rolling (1 or 3), and twisting.
+    """
+    used: list[int] = []
+    turns = 1 if dimension == 2 else 3
+    width = 2 * turns + 2
+    for k, one in enumerate(wall for wall in walls for _ in range(SIDES)):
+        rough, first = one.roughness, k * width
+        friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
+        used += range(first, first + turns)
+        used += [first + turns] if friction and isinstance(friction.stiffness, Mindlin) else []
+        used += range(first + turns + 1, first + 2 * turns + 1) if rolling else []
+        used += [first + width - 1] if twisting else []
+    return used, SIDES * width * len(walls)
 
 
 def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
@@ -250,16 +289,24 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
 
     """
     for k, one in enumerate(effects):
-        if not isinstance(one, Walls):
+        if getattr(one, "acts_as", None) != "walls":
             continue
         for name, kind in ROUGHNESS.items():
             found = next((m for m, other in enumerate(effects) if isinstance(other, kind)), None)
+            if found is not None and not isinstance(one, Walls):
+                raise ValueError(
+                    f"effects must hold no {type(one).__qualname__} beside {kind.__name__}, which would have no part "
+                    f"in what walls do, got them at {k} and {found}: take pm.Walls, or held particles "
+                    "(pm.FixedParticles)"
+                )
             if found is not None and getattr(one, name) is None:
                 raise ValueError(
                     f"effects[{k}].{name} of Walls must be given where contacts have {kind.__name__} "
                     f"(effects[{found}]), got None: {name}=pm.{kind.__name__}(...), or pm.{kind.__name__}(0.0) for "
                     "walls without"
                 )
+        if not isinstance(one, Walls):
+            continue
         if one.roughness is not None and packing.shapes.has_orientations:
             raise ValueError(
                 f"effects[{k}] must be smooth Walls, with friction=pm.Friction(0.0), for {packing.shapes.names[1]}: "

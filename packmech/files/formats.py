@@ -138,7 +138,7 @@ class Format:
         if len(packing.links) and LINKS not in self.keeps:
             yield LINKS, "packing must have no links", str(len(packing.links))
         if packing.tangential is not None and TANGENTIAL not in self.keeps:
-            yield TANGENTIAL, "packing must have no tangential displacements", str(len(packing.tangential))
+            yield TANGENTIAL, "packing must have no tangential displacements", str(packing.tangential.springs)
         kind = self._shape(snapshot)
         if kind and kind not in self.keeps:
             yield kind, "packing must be of discs or spheres", type(packing.shapes).__name__

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -336,9 +337,16 @@ class ContactForces:
         Such a spin is a floppy mode of contacts that stick; in the plane there is none, nor where contacts resist
         rolling or twisting.
         """
-        two = self.contacts.select(self._held_c()).count_n() == 2
-        resisting = rolling_of(self.scene.effects) or twisting_of(self.scene.effects)
-        return np.asarray(two & (self.contacts.dimension == 3 and _coefficient(self.scene) > 0.0 and not resisting))
+        effects, packing = self.scene.effects, self.scene.packing
+        count, resisting = self.contacts.select(self._held_c()).count_n(), np.zeros(packing.particles, dtype=bool)
+        resisting[:] = bool(rolling_of(effects) or twisting_of(effects))
+        if not _coefficient(self.scene) > 0.0:
+            count = np.zeros_like(count)
+        for _, wall, _, touches in wall_sides(effects, packing) if rough_walls(effects) else ():
+            if wall.roughness is not None:
+                count[touches.particle_w] += 1
+                resisting[touches.particle_w] |= bool(wall.rolling or wall.twisting)
+        return np.asarray((count == 2) & ~resisting & ~self.rattlers_n & (self.contacts.dimension == 3))
 
     @property
     def coordination_number(self) -> float:
@@ -366,8 +374,11 @@ class ContactForces:
         there counts in n_m, too: (d (d + 1) + 2 n_m) / (d + r). Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75,
         010301 (2007); n_m is the number of contacts at the limit per particle, which for discs and spheres tends to 1
         in the plane and to 3 in space as friction vanishes: then it is 2 d, as without friction, where their torques
-        need no balance. Every link bears one force, too.
+        need no balance. Every link bears one force, too. Not known, nan, where walls are rough: what they bear is not
+        counted.
         """
+        if rough_walls(self.scene.effects):
+            return math.nan
         d, held = self.contacts.dimension, ~self.rattlers_n
         links, count = self.scene.packing.links, max(int(held.sum()), 1)
         linked = int((held[links.i_l] & held[links.j_l]).sum())

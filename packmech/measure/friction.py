@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.effects import (
-    Mindlin,
+    SIDES,
     Repulsion,
     RoughContacts,
     WallSide,
@@ -19,6 +19,7 @@ from packmech.effects import (
     friction_of,
     rolling_of,
     twisting_of,
+    wall_columns,
 )
 from packmech.links import named_rows
 from packmech.packing import Packing
@@ -122,53 +123,43 @@ def wall_resistance(packing: Packing, sides: list[WallSide]) -> WallResistance:
         What touches each wall (`wall_sides`).
 
     """
-    n, d = packing.particles, packing.dimension
-    turns, springs, column = 1 if d == 2 else 3, packing.tangential, 0
-    rough = [one.wall.roughness for one in sides]
-    numbers = [(0, 0, 0) if one is None else _numbers(one, turns) for one in rough]
-    whole = sum(map(sum, numbers))
-    stretch_nk = np.zeros((n, whole)) if springs is None or not whole else springs.at_walls(n, whole)
+    n, d, springs = packing.particles, packing.dimension, packing.tangential
+    turns = 1 if d == 2 else 3
+    rough = [one for one in sides if one.wall.roughness is not None]
+    # low and high of each
+    walls = tuple(one.wall for one in rough[::SIDES])
+    _, columns = wall_columns(walls, d)
+    stretch_nk = np.zeros((n, columns)) if springs is None or not walls else springs.at_walls(n, columns)
+    blocks = iter(np.split(stretch_nk, len(rough), axis=1) if rough else ())
     found = [WallResistance(np.zeros((0, d)), np.zeros((0, turns)), np.zeros(0))]
-    for one, counts in zip(sides, numbers, strict=True):
-        stretch = stretch_nk[one.touches.particle_w, column : column + sum(counts)]
-        column += sum(counts)
-        sliding, rolling, twisting = np.split(stretch, np.cumsum(counts)[:-1], axis=1)
-        found.append(_resistance(one, d, (sliding, rolling, twisting)))
+    for one in sides:
+        if one.wall.roughness is None:
+            count = len(one.touches)
+            found.append(WallResistance(np.zeros((count, d)), np.zeros((count, turns)), np.zeros(count)))
+        else:
+            found.append(_resistance(one, d, next(blocks)[one.touches.particle_w]))
     return WallResistance(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _numbers(rough: Any, turns: int) -> tuple[int, int, int]:
-    """Return how many numbers a contact keeps of sliding (its stiffness among them), rolling and twisting."""
-    friction, rolling, twisting = (
-        (rough.friction, rough.rolling, rough.twisting) if isinstance(rough, RoughContacts) else (rough, None, None)
-    )
-    kept = isinstance(friction.stiffness, Mindlin)
-    return turns + kept, turns * (rolling is not None), int(twisting is not None)
-
-
-def _resistance(side: WallSide, d: int, stretches: tuple[NDArray[np.float64], ...]) -> WallResistance:
-    """Return what a side of a wall does across, given the stretches of sliding, rolling and twisting."""
+def _resistance(side: WallSide, d: int, stretch_wk: NDArray[np.float64]) -> WallResistance:
+    """Return what a side of rough walls does across, given the columns of its springs (`wall_columns`)."""
     wall, touches = side.wall, side.touches
-    count, turns, rough = len(touches), 1 if d == 2 else 3, wall.roughness
-    if rough is None:
-        return WallResistance(np.zeros((count, d)), np.zeros((count, turns)), np.zeros(count))
+    rough: Any = wall.roughness
+    turns = 1 if d == 2 else 3
     terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
-    normal = np.zeros((count, d))
+    normal = np.zeros((len(touches), d))
     normal[:, int(wall.axis)] = -side.below
     push, arm = np.abs(terms.first_c), 0.5 * touches.distance_w
-    friction, *others = rough if isinstance(rough, RoughContacts) else (rough, None, None)
-    here = at_contact(friction, 2.0 * terms.second_c, 0.0)
-    slid = stretches[0][:, :turns]
-    if stretches[0].shape[1] > turns:
-        before = stretches[0][:, turns]
-        slid = slid * np.where((before > 0.0) & (before < here.stiffness), before / here.stiffness, 1.0)[:, None]
+    friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
+    here, before = at_contact(friction, 2.0 * terms.second_c, 0.0), stretch_wk[:, turns]
+    # of `Mindlin`: 0 else
+    fallen = (before > 0.0) & (before < here.stiffness)
+    slid = stretch_wk[:, :turns] * np.where(fallen, before / here.stiffness, 1.0)[:, None]
     across = _across(here, slid, normal, push)
-    rolled, twisted = np.zeros((count, turns)), np.zeros((count, 1))
-    rolled = stretches[1] if others[0] is not None else rolled
-    twisted = stretches[2] if others[1] is not None else twisted
-    rolling, (twisting, energy) = _across(others[0], rolled, normal, push), _limited(others[1], twisted, push)
-    turning = TurningForces(across.force_cd + rolling.force_cd, twisting[:, 0], arm, across.energy_c)
-    return WallResistance(across.force_cd, turning.moment_ck(normal), across.energy_c + rolling.energy_c + energy)
+    rolled = _across(rolling, stretch_wk[:, turns + 1 : 2 * turns + 1], normal, push)
+    twist, energy = _limited(twisting, stretch_wk[:, -1:], push)
+    turning = TurningForces(across.force_cd + rolled.force_cd, twist[:, 0], arm, across.energy_c)
+    return WallResistance(across.force_cd, turning.moment_ck(normal), across.energy_c + rolled.energy_c + energy)
 
 
 def _displacements(scene: Scene, contacts: Contacts | ShapeContacts, name: str) -> NDArray[np.float64]:

@@ -30,6 +30,7 @@ from packmech.contacts.given import check_given, contacts_of
 from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, rows_across, turns_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
+    ROUGHNESS,
     Walls,
     find_interactions,
     held_particles,
@@ -149,7 +150,10 @@ def _wall_ends(packing: Packing, effects: tuple[Any, ...], friction: float, turn
         if friction > 0.0 and wall.roughness is not None:
             spin, normal = packing.spin_nkk[n], -np.sign(slope[:, :d])
             arm = 0.5 * touches.distance_w
-            sliding, *others = (0.0 if one is None else one.coefficient / friction for one in wall[-3:])
+            sliding, *others = (
+                0.0 if one is None else one.coefficient / friction
+                for one in (getattr(wall, name) for name in ROUGHNESS)
+            )
             moments = [size * arm if there else None for size, there in zip(others, turning, strict=True)]
             side = rows_across(normal, arm[:, None] * normal, spin, moments)
             side[:, : d - 1] *= sliding

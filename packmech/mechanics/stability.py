@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
-from packmech.effects import acting_friction, lacking_second
+from packmech.effects import acting_friction, lacking_second, rough_walls
 from packmech.linalg.factor import NotDefinite
 from packmech.mechanics.frictional import frictional_network, frictional_system
 from packmech.mechanics.linked_systems import (
@@ -183,7 +183,7 @@ def _unknown(scene: Scene) -> str:
     if lacking and scene.packing.shapes.has_orientations:
         # pairs are checked where an effect is registered
         return f"{type(lacking[0]).__qualname__} has no body_second"
-    return ""
+    return "second derivatives know no friction of walls" if rough_walls(scene.effects) else ""
 
 
 def _stiffest(operator: Operator) -> float:

@@ -140,7 +140,7 @@ class _Settling:
     def _at_rest(self) -> Outcome:
         """Return how what is in balance ends: nothing is pushed where no force balances another, or it would fall."""
         found = self._forces()
-        if not len(found.contacts):
+        if not found.mean_force > 0.0:
             return Outcome.UNJAMMED
         self.stability = stability(self.scene.replace(packing=self.packing), found.largest_imbalance)
         return Outcome.UNSTABLE if self.stability.negative else Outcome.CONVERGED

@@ -420,7 +420,7 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
     if scene.packing.tangential is not None:
         raise ValueError(
             "scene.packing must have no tangential displacements for scene files, got "
-            f'{len(scene.packing.tangential)}: write it with pm.write_packing and name the file (kind = "file"), or '
+            f'{scene.packing.tangential.springs}: write it with pm.write_packing and name the file (kind = "file"), or '
             "leave them out with packing.replace(tangential=None)"
         )
     target = target_file(path)

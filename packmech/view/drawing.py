@@ -195,7 +195,7 @@ class ShownCell:
 
 
 def wall_outlines(effects: Sequence[Any], box: Box) -> list[NDArray[np.float64]]:
-    """Return polylines along the smooth walls among the effects, across the extent of the cell."""
+    """Return polylines along the walls among the effects, across the extent of the cell."""
     corner_kd = np.concatenate(box_outline(box))
     low, high = corner_kd.min(axis=0), corner_kd.max(axis=0)
     found = []

@@ -303,8 +303,30 @@ def test_rough_walls_are_taken_or_refused():
         if CALLS[name].packing_only or not all(honored):
             continue
         if name not in taken:
-            refuses(name, scene, f"must hold nothing that pm.{name} would ignore, got Walls at 3")
+            refuses(name, scene, f"must hold smooth walls for pm.{name}, which knows no rough ones, got Walls .*at 3")
         CALLS[name].check("scene", smooth)
+
+
+def test_rough_walls_change_what_calls_say_of_forces_torques_and_energies():
+    packing = small()
+    low = float(packing.position_nd[:, 1].min())
+    near = np.flatnonzero(packing.position_nd[:, 1] < low + 0.3)
+    # a plane's four numbers of each of the two walls
+    stretch = np.zeros((len(near), 8))
+    stretch[:, 0], stretch[:, 2] = 0.01, 0.02
+    none, image = np.zeros(0, dtype=np.int64), np.zeros((0, 2), dtype=np.int64)
+    held = pm.TangentialDisplacements(none, none, image, np.zeros((0, 1)), at_wall_w=near, wall_stretch_wk=stretch)
+    walls = pm.Walls(1, low - 0.3, 99.0, friction=pm.Friction(0.9), rolling=pm.RollingResistance(0.9))
+    smooth = walls._replace(friction=pm.Friction(0.0), rolling=None)
+    one, other = (pm.Scene(packing.replace(tangential=held), (pm.Repulsion(), each)) for each in (walls, smooth))
+    changed = {"energy", "forces", "torques", "wall_contacts"}
+    taken = {name for name in RESTING if CALLS[name].answer("rough") == HONORED} - {"settle", "link_tension"}
+    assert changed <= taken
+    for name in taken:
+        found, plain = (np.asarray(RESTING[name](scene)) for scene in (one, other))
+        if name == "wall_contacts":
+            found, plain = (pm.wall_contacts(scene).tangential_wd for scene in (one, other))
+        assert bool(np.abs(found - plain).max() > 1e-9) is (name in changed), name
 
 
 @pytest.mark.parametrize("call", sorted(MOVING))

@@ -1,5 +1,8 @@
 """Facts about rough walls: what a contact with one takes and keeps, and what a run hands on of it."""
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
@@ -9,6 +12,21 @@ from packmech.dynamics.observables import POTENTIAL, TANGENTIAL
 from packmech.measure.contact_forces import rattlers_in
 
 STIFF = 1e3
+
+
+@pm.effect
+class Ceiling(NamedTuple):
+    """A user's own wall."""
+
+    height: float = 9.0
+
+    acts_as = "walls"
+
+    def body_energy(self, x, y, z, mass, radius):
+        return 0.5 * max(y + radius - self.height, 0.0) ** 2
+
+    def body_force(self, x, y, z, u, v, w, mass, radius):
+        return 0.0, -max(y + radius - self.height, 0.0), 0.0
 
 
 def cage(dimension, walls, number=12):
@@ -169,7 +187,7 @@ def test_walls_say_what_they_do_where_contacts_have_friction():
 
 def test_a_box_that_deforms_and_a_ledger_refuse_rough_walls():
     scene = cage(2, rough)
-    with pytest.raises(ValueError, match="ramp_strain would ignore, got Walls"):
+    with pytest.raises(ValueError, match="smooth walls for pm.ramp_strain, which knows no rough ones, got Walls"):
         pm.ramp_strain(scene, rate=0.1, applied_strain=0.1)
     with pytest.raises(ValueError, match="no rough Walls beside a ledger"):
         pm.simulate(scene, steps=3, ledger=True)
@@ -190,9 +208,42 @@ def test_a_disc_rests_on_a_slope_that_friction_and_resistance_to_rolling_hold():
     assert touch.tangential_wd == pytest.approx(np.array([[-slope, 0.0]]), rel=1e-6)
     assert touch.on_walls() == pytest.approx([slope, -1.0], rel=1e-6)
     forces = pm.contact_forces(found)
+    assert rest.outcome is pm.Outcome.CONVERGED
     assert forces.residual < 1e-7 and not forces.rattlers_n.any()
-    rolling = scene.replace(effects=(scene.effects[0], floor._replace(rolling=None), scene.effects[2]))
-    assert pm.simulate(rolling, duration=20.0, check=False).velocity_nd[0, 0] > 0.1
+    steeper = scene.replace(effects=(*scene.effects[:2], pm.Gravity(0.12, -1.0)))
+    assert pm.simulate(steeper, duration=40.0, check=False).velocity_nd[0, 0] > 0.1
+
+
+def test_a_pyramid_of_three_discs_stands_on_a_rough_floor_and_slides_apart_on_a_smooth_one():
+    law = pm.LinearSpring(STIFF)
+    place = [[4.0, 0.5], [5.02, 0.5], [4.51, 0.5 + math.sqrt(1.0 - 0.51**2)]]
+    packing = pm.Packing(place, [0.5] * 3, pm.Box.cubic(20.0, 2), mass_n=[1.0] * 3)
+    outcomes = []
+    for mu in (0.6, 0.0):
+        floor = pm.Walls(1, 0.0, 15.0, law, 5.0, pm.Friction(mu, 0.5 * STIFF, 5.0))
+        effects = (pm.Repulsion(law), pm.ContactDamping(5.0), pm.Friction(0.6, 0.5 * STIFF, 5.0), floor)
+        run = pm.settle(
+            pm.Scene(packing, (*effects, pm.Gravity(0.0, -1.0))), force_tolerance=1e-6, step_limit=200_000, check=False
+        )
+        outcomes.append((run.outcome, float(run.packing.position_nd[2, 1])))
+    assert outcomes[0][0] is pm.Outcome.CONVERGED and outcomes[0][1] > 1.3
+    assert outcomes[1][1] < 1.0
+
+
+def test_between_rough_walls_what_has_no_friction_is_held_by_pushes_alone():
+    """Three discs stacked straight: the middle one, which no wall touches, can go sideways."""
+    packing = pm.Packing([[5.0, 0.45], [5.0, 1.35], [5.0, 2.25]], [0.5] * 3, pm.Box.cubic(20.0, 2))
+    walls = pm.Walls(1, 0.0, 2.7, pm.LinearSpring(), friction=pm.Friction(0.5))
+    assert pm.contact_forces(pm.Scene(packing, (pm.Repulsion(), walls))).rattlers_n.any()
+    rough = pm.Scene(packing, (pm.Repulsion(), pm.Friction(0.5), walls))
+    assert not pm.contact_forces(rough).rattlers_n.any()
+    assert math.isnan(pm.contact_forces(rough).isostatic_coordination)
+
+
+def test_walls_of_a_user_s_own_have_no_part_in_friction():
+    packing = pm.random_packing(4, dimension=2, packing_fraction=0.2, seed=1)
+    with pytest.raises(ValueError, match="must hold no Ceiling beside Friction, .* at 1 and 2"):
+        pm.Scene(packing, (pm.Repulsion(), Ceiling(), pm.Friction(0.3)))
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -31,6 +31,8 @@ WIDTH, _WIDER = 1e-8, (1.0, 10.0, 100.0)
 # part of the way to a predicted change that is left at the next tangent; tangents on either side, and the strain before
 # or behind the change that is near enough
 _LEFT, _TANGENTS, _NEARLY = 0.02, 60, 2e-13
+# part of the enthalpy that is rounding
+_ROUNDED_ENERGY = 1e-13
 # strains nearer than this differ by rounding
 _ROUNDED_STRAIN = 1e-15
 # farther tangents are not believed, their error being of second order
@@ -219,7 +221,9 @@ class StrainPath:
                 return None
         found = self._measured(strain, state)
         lost = start.enthalpy + work_between(start, found) - found.enthalpy
-        return None if lost > self.largest_loss else found
+        # of either sign, as cubics err where contacts change; never below rounding
+        allowed = max(self.largest_loss, _ROUNDED_ENERGY * abs(start.enthalpy))
+        return None if abs(lost) > allowed else found
 
     def step(self, strain: float, way: float | None = None) -> tuple[Sheared, Sheared | None]:
         """Return the last equilibrium on the way to a strain, and None, or the next one where it becomes unstable.
