@@ -49,7 +49,7 @@ def _write_down(records, laws, pair, value):
                 force_pd[p, 0] += pull.fx
                 force_pd[p, 1] += pull.fy
                 force_pd[p, 2] += pull.fz
-                _write_stretches(laws.friction, laws.axes, records.stretch_pk, p, spring_of(laws, pair, k).k, pull)
+                write_springs(laws.friction, laws.axes, records.stretch_pk, p, spring_of(laws, pair, k).k, pull)
     return value
 
 
@@ -91,7 +91,8 @@ def _write_across(across, axes, stretch_pk, p, k):
 
 
 _write_turning = by_type(_write_across, {type(None): _write_nothing})
-_write_stretches = by_type(_write_sliding, {RoughContacts: _write_rough, type(None): _write_no_stretch})
+# writes the displacements of the springs of a contact, from what its pull says of them, from a first column on
+write_springs = by_type(_write_sliding, {RoughContacts: _write_rough, type(None): _write_no_stretch})
 
 
 @lean

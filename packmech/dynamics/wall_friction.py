@@ -13,6 +13,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
+from packmech.dynamics.contact_records import write_springs
 from packmech.dynamics.friction import (
     Pull,
     Spring,
@@ -20,11 +21,9 @@ from packmech.dynamics.friction import (
     energy_of_springs,
     relax_columns,
     resist,
-    sliding_columns,
     slip_of_round,
     spin_of_round,
     spring_columns,
-    turning_axes,
     turns_at,
 )
 from packmech.effects import (
@@ -249,43 +248,6 @@ def _sum_energy(rough, axes, state, now):
     return energy, held
 
 
-@inlined
-def _write(axes, stretch_nk, i, column, across):
-    stretch_nk[i, column] = across.x
-    if len(axes) == 3:
-        stretch_nk[i, column + 1] = across.y
-        stretch_nk[i, column + 2] = across.z
-
-
-@inlined
-def _write_sliding(rough, axes, stretch_nk, i, column, pull):
-    _write(axes, stretch_nk, i, column, pull.across)
-
-
-@inlined
-def _write_nothing(across, axes, stretch_nk, i, column):
-    return None
-
-
-@inlined
-def _write_turning(across, axes, stretch_nk, i, column):
-    _write(axes, stretch_nk, i, column, across)
-
-
-_write_where_any = by_type(_write_turning, {type(None): _write_nothing})
-
-
-@inlined
-def _write_all(rough, axes, stretch_nk, i, column, pull):
-    _write(axes, stretch_nk, i, column, pull.across)
-    column += len(sliding_columns(rough.friction, axes))
-    _write_where_any(pull.turning.rolling, axes, stretch_nk, i, column)
-    _write_where_any(pull.turning.twisting, (0, 1), stretch_nk, i, column + len(turning_axes(rough.rolling, axes)))
-
-
-_write_stretches = by_type(_write_sliding, {RoughContacts: _write_all})
-
-
 @lean
 def _write_down(rough, axes, state, now, stretch_nk):
     for i in range(state.body.shape[0]):
@@ -295,7 +257,7 @@ def _write_down(rough, axes, state, now, stretch_nk):
                 touch = _touch(one.wall, state.body, i, side)
                 if touch.rho < touch.sigma:
                     _, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, now)
-                    _write_stretches(one.rough, axes, stretch_nk, i, column, pull)
+                    write_springs(one.rough, axes, stretch_nk, i, column, pull)
                 column += len(spring_columns(one.rough, axes))
 
 
