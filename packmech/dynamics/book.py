@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.account import BREAKING, ENERGY, FIGURES, SHIFT, STORED, Account, new_account
-from packmech.effects import Mindlin, friction_of, langevin_of, memory_columns
+from packmech.effects import Mindlin, friction_of, langevin_of, memory_columns, rough_walls
 from packmech.minimize.passes.pair_list import Track
 from packmech.scene import Scene
 
@@ -111,11 +111,12 @@ def refuse_unknown(argument: str, scene: Scene) -> None:
     unknown = {
         "Langevin": langevin_of(scene.effects) is not None,
         "interactions that remember": memory_columns(scene.effects) > 0,
+        "rough walls": bool(rough_walls(scene.effects)),
         "Mindlin's springs": friction is not None and isinstance(friction.stiffness, Mindlin),
     }
     for name, there in unknown.items():
         if there:
-            raise ValueError(f"{argument} must have no {name} where energies are accounted for, got a scene with them")
+            raise ValueError(f"scene.effects must have no {name} where energies are accounted for, got such a scene")
     if packing.links:
         raise ValueError(
             f"{argument} must have no rigid links where energies are accounted for, got {len(packing.links)} links"

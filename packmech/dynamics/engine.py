@@ -887,11 +887,6 @@ def build_engine(
             "scene.packing must have no rigid links where the box deforms: they are held in a box at rest only, got "
             f"{len(packing.links)} links"
         )
-    if rough_walls(scene.effects) and ledger_every is not None:
-        raise ValueError(
-            f"scene.effects must hold no rough Walls beside a ledger, got {rough_walls(scene.effects)[0].roughness!r}: "
-            "take friction=pm.Friction(0.0) for smooth ones"
-        )
     pairs = tuple(
         one for one in scene.effects if hasattr(type(one), "pair_energy") or damps(one) or is_interaction(one)
     )

@@ -189,7 +189,7 @@ def test_a_box_that_deforms_and_a_ledger_refuse_rough_walls():
     scene = cage(2, rough)
     with pytest.raises(ValueError, match="smooth walls for pm.ramp_strain, which knows no rough ones, got Walls"):
         pm.ramp_strain(scene, rate=0.1, applied_strain=0.1)
-    with pytest.raises(ValueError, match="no rough Walls beside a ledger"):
+    with pytest.raises(ValueError, match="no rough walls where energies are accounted for"):
         pm.simulate(scene, steps=3, ledger=True)
 
 
