@@ -188,6 +188,43 @@ def test_a_strand_of_a_gel_breaks_at_the_pull_off_force_of_its_weakest_contact()
     assert len(run.packing.tangential) == 6
 
 
+def test_a_branching_gel_breaks_where_a_contact_first_bears_its_pull_off_force():
+    """A trunk of three discs that parts into two arms, the ends of which are drawn away from its foot."""
+    radius = np.array([0.5, 0.44, 0.52, *[0.5, 0.4, 0.46, 0.5] * 2])
+    bonds = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 6), (2, 7), (7, 8), (8, 9), (9, 10)]
+    place, overlap = np.full((11, 2), 6.0), 1e-4
+    place[0, 0] = 2.0
+    for i, j in bonds:
+        # the arms leave the trunk at half a right angle, and go on along it
+        side = 0.0 if i != 2 else math.pi / 4.0 * (1.0 if j == 3 else -1.0)
+        place[j] = place[i] + (radius[i] + radius[j] - overlap) * np.array([math.cos(side), math.sin(side)])
+    mass = np.ones(11)
+    mass[[6, 10]] = 1e12
+    packing = pm.Packing(place, radius, pm.Box.cubic(14.0, 2), mass_n=mass)
+    scene = pm.Scene(
+        packing, (pm.JKR(E, W), pm.ContactDamping(1.0), pm.BackgroundDamping(0.0), pm.FixedParticles((0,)))
+    )
+    speed = np.zeros((11, 2))
+    speed[:, 0] = 1e-4 * (place[:, 0] - 2.0) / (place[6, 0] - 2.0)
+    run = pm.simulate(
+        scene, duration=4000.0, dt=0.1, trace_every=10, trace_positions=True, velocity_nd=speed, check=False
+    )
+    one, other = np.transpose(bonds)
+    apart = np.linalg.norm(run.trace.position_tnd[:, other] - run.trace.position_tnd[:, one], axis=2)
+    sigma = radius[one] + radius[other]
+    jkr = pm.JKR(E, W)
+    broken = apart >= [jkr.reach(each) for each in sigma]
+    first = int(np.argmax(broken.any(axis=1)))
+    assert broken.any()
+    bond = int(np.flatnonzero(broken[first])[0])
+    load = np.array(
+        [[jkr.interaction_first(r, s, 1.0, BOUND)[0] for r, s in zip(row, sigma, strict=True)] for row in apart[:first]]
+    )
+    part = load / (1.5 * math.pi * W * 0.25 * sigma)
+    assert part[:, bond].max() == pytest.approx(1.0, rel=0.01)
+    assert np.delete(part, bond, axis=1).max() < 1.0
+
+
 def gel(effects, particles=24, seed=3):
     """Return a scene of discs at rest whose contacts push and pull, just below the packing fraction where they jam."""
     start = pm.random_packing(particles, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.82, seed=seed)
@@ -212,6 +249,35 @@ def test_the_moduli_of_a_cohesive_packing_are_those_of_strained_and_quenched_one
             there = packing.replace(position_nd=packing.position_nd @ map_dd.T, box=box)
             run = pm.quench(at_rest.replace(packing=there), force_tolerance=1e-13, check=False)
             stress.append(pm.stress_tensor(at_rest.replace(packing=run.packing)))
+        found = pm.mandel_vector((stress[0] - stress[1]) / (2.0 * step))
+        expected = moduli.cauchy @ pm.mandel_vector(strain)
+        assert np.abs(found - expected).max() < 1e-6 * np.abs(moduli.cauchy).max()
+
+
+def balanced(scene):
+    """Return the scene in balance, by Newton's method: minimizers take nothing that remembers."""
+    held = scene.packing.tangential
+    for _ in range(30):
+        force = pm.forces(scene)
+        if np.abs(force).max() < 1e-15:
+            break
+        moved = np.linalg.lstsq(pm.hessian(scene, "none").toarray(), force.ravel(), rcond=1e-9)[0].reshape(force.shape)
+        packing = scene.packing.replace(position_nd=scene.packing.position_nd + moved).replace(tangential=held)
+        scene = scene.replace(packing=packing)
+    assert np.abs(force).max() < 1e-14
+    return scene
+
+
+def test_the_moduli_of_a_packing_held_by_jkr_contacts_are_those_of_strained_and_balanced_ones():
+    rest, step = balanced(pm.Scene(touched(), (pm.JKR(E, W),))), 1e-5
+    moduli, held = pm.elastic_moduli(rest, rattlers="keep"), rest.packing.tangential
+    for strain in (np.array([[0.0, 0.5], [0.5, 0.0]]), np.diag([0.5, -0.5]), np.diag([0.5, 0.5])):
+        stress = []
+        for side in (1.0, -1.0):
+            map_dd, packing = np.eye(2) + side * step * strain, rest.packing
+            box = pm.Box(map_dd @ packing.box.lattice_dd)
+            there = packing.replace(position_nd=packing.position_nd @ map_dd.T, box=box).replace(tangential=held)
+            stress.append(pm.stress_tensor(balanced(rest.replace(packing=there))))
         found = pm.mandel_vector((stress[0] - stress[1]) / (2.0 * step))
         expected = moduli.cauchy @ pm.mandel_vector(strain)
         assert np.abs(found - expected).max() < 1e-6 * np.abs(moduli.cauchy).max()
