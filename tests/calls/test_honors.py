@@ -424,7 +424,7 @@ def test_bonds_that_break_are_refused_where_none_would_and_change_what_honors_th
     # what is there now does not depend on what may break later
     assert all(np.array_equal(RESTING[name](scene), RESTING[name](whole)) for name in now)
     # limits that nothing reaches, so that compiled code is the same
-    strong = scene.replace(effects=(pm.Repulsion(), replace(weak, breaks_at=pm.BondLimits(stretch=1e6, squeeze=1e6))))
+    strong = scene.replace(effects=(pm.Repulsion(), replace(weak, breaks_at=pm.BondLimits(stretch=1e6, squeeze=0.999))))
     for name in in_time & set(MOVING):
         assert np.abs(MOVING[name](scene) - MOVING[name](strong)).max() > 1e-9, name
 
