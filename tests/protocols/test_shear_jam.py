@@ -68,4 +68,6 @@ def test_limits_are_outcomes():
     late = pm.shear_jam(scene, **SETTINGS, time_limit=1e-3, check=False)
     assert late.outcome is pm.Outcome.TIME_LIMIT
     with pytest.raises(ValueError, match="would ignore, got Walls"):
-        pm.shear_jam(scene.replace(effects=(*scene.effects, pm.Walls(1, 0.0, 5.0))), **SETTINGS)
+        pm.shear_jam(
+            scene.replace(effects=(*scene.effects, pm.Walls(1, 0.0, 5.0, friction=pm.Friction(0.0)))), **SETTINGS
+        )

@@ -146,7 +146,7 @@ def test_the_mirrored_flow_is_the_mirror_image():
 
 
 def test_what_has_no_place_in_a_box_that_dilates_is_refused():
-    scene = pm.Scene(start(10), (*RUBBING, pm.Walls(1, 0.0, 5.0)))
+    scene = pm.Scene(start(10), (*RUBBING, pm.Walls(1, 0.0, 5.0, friction=pm.Friction(0.0))))
     with pytest.raises(ValueError, match="would ignore, got Walls"):
         pm.shear_at_pressure(scene, rate=0.1, pressure=1e-3)
 

@@ -65,7 +65,7 @@ def test_every_effect_of_the_frictional_model_is_read_as_it_was_written(tmp_path
         pm.Friction(0.3, 1.0 / 7.0, 0.02),
         pm.Gravity(0.1, -9.81, 0.0),
         pm.BackgroundDamping(1.0 / 3.0),
-        pm.Walls(1.0, -0.1, 20.0, pm.Hertz(2.0), 0.3),
+        pm.Walls(1.0, -0.1, 20.0, pm.Hertz(2.0), 0.3, pm.Friction(0.2, pm.Mindlin(0.25), pm.DampingRatio(0.5))),
     )
     scene = pm.Scene(packing, effects)
     assert again(tmp_path, scene) == scene
