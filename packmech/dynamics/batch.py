@@ -237,7 +237,14 @@ def _part_of_frame(system, plan, doing, control_k):
         count_k[LEFT] = plan.steps
     friction = _friction_of_frame(acting.friction, plan, doing, control_k)
     now = EngineSystem(
-        Acting(acting.pairs, acting.bodies, friction, acting.shapes), axes, state, links, space, pairs, track, account
+        Acting(acting.pairs, acting.bodies, friction, acting.shapes, acting.walls),
+        axes,
+        state,
+        links,
+        space,
+        pairs,
+        track,
+        account,
     )
     rule = Rule(plan.dt, plan.second_order, number_k[REACH])
     start = REST_OF_STEP if doing == NEW_LISTS else WHOLE_STEP
