@@ -20,6 +20,7 @@ from packmech.contacts.rattlers import rough_ends_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
     Interactions,
+    RoughContacts,
     ShapedTerms,
     acting_contacts,
     acts_on_single,
@@ -345,7 +346,7 @@ class ContactForces:
         for _, wall, _, touches in wall_sides(effects, packing) if rough_walls(effects) else ():
             if wall.roughness is not None:
                 count[touches.particle_w] += 1
-                resisting[touches.particle_w] |= bool(wall.rolling or wall.twisting)
+                resisting[touches.particle_w] |= isinstance(wall.roughness, RoughContacts)
         return np.asarray((count == 2) & ~resisting & ~self.rattlers_n & (self.contacts.dimension == 3))
 
     @property

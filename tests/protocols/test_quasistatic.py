@@ -232,7 +232,8 @@ def test_no_fall_of_a_larger_energy_drop_is_passed_over():
     assert [one.energy_drop > 1e-6 for one in fine] == [False, True]
     assert not pm.quasistatic_shear(whole, 1e-3, step=1e-3, locate="none").avalanches
     (found,) = pm.quasistatic_shear(whole, 1e-3, step=1e-3, locate="none", smallest_drop=1e-6).avalanches
-    assert found.energy_drop == pytest.approx(fine[1].energy_drop, rel=1e-2)
+    # but for the small fall before it, which is passed over
+    assert found.energy_drop == pytest.approx(fine[1].energy_drop, abs=fine[0].energy_drop)
     assert found.strain == pytest.approx(fine[1].strain, abs=1e-6)
 
 
