@@ -114,9 +114,9 @@ class TangentialDisplacements:
                     raise ValueError(f"{name} must be given with its displacements or particles, got None")
             return None, None
         particle = integer_array("at_wall_w", self.at_wall_w, shape=(None,), what="particle")
-        stretch = finite_array("wall_stretch_wk", self.wall_stretch_wk, shape=(len(particle), None), what="particle")
         if len(np.unique(particle)) < len(particle) or (len(particle) and particle.min() < 0):
             raise ValueError(f"at_wall_w must name particles from 0 on, each once, got {particle.tolist()!r:.80}")
+        stretch = finite_array("wall_stretch_wk", self.wall_stretch_wk, shape=(len(particle), None), what="particle")
         order = np.argsort(particle)
         return particle[order], stretch[order]
 
