@@ -21,7 +21,6 @@ from packmech.dynamics.by_shape import (
     dragged_to,
     energy_of_row,
     push_on_row,
-    slip_at_touch,
     steepness,
     touch_of_rows,
     touches_of,
@@ -32,8 +31,11 @@ from packmech.dynamics.contact_forces import (
     energy_of,
     has_interactions,
     laws_of,
+    normal_under_cap,
     pull_beyond,
+    remember,
     resistance_at,
+    slipping_of_touch,
     spring_of,
 )
 from packmech.dynamics.deformation import relative, turning, with_flow
@@ -42,22 +44,23 @@ from packmech.dynamics.friction import (
     Now,
     Spring,
     across_contact,
-    reduced_arm,
+    follow_stiffness,
     resist_rolling,
     resist_twisting,
-    rolling_slip,
-    spin_of_round,
+    sliding_columns,
+    spring_columns,
     stretch_of_force,
     tangential_force,
     torque_of,
     torque_of_rolling,
     torque_of_twisting,
     turning_axes,
-    twisting_slip,
 )
 from packmech.dynamics.stretches import inner_stretches
 from packmech.dynamics.threads import is_first, wait
-from packmech.effects import RoughContacts, Walls, pair_first, spin_drag
+from packmech.dynamics.wall_friction import RoughWalls, slipping_at_wall, visit_wall, walk_walls
+from packmech.effects import Mindlin, RoughContacts, Walls, pair_first, spin_drag
+from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
@@ -76,13 +79,14 @@ STORING = (
 )
 DISSIPATING = (
     "normal_dashpots", "tangential_dashpots", "sliding", "rolling", "twisting", "bond_dashpots", "breaking", "drag",
-    "wall_dashpots",
+    "wall_dashpots", "stiffness_changes", "interactions",
 )  # fmt: skip
-WORKING = ("box", "held", "pushing")
+WORKING = ("box", "held", "pushing", "bath")
 CONTACTS, INTERACTIONS, TANGENTIAL, ROLLING, TWISTING, BONDS, BOND_TANGENTIAL, BODIES, WALLS = range(9)
 DASHPOTS, TANGENTIAL_DASHPOTS, SLIDING, ROLLED, TWISTED, BOND_DASHPOTS, BREAKING, DRAG, WALL_DASHPOTS = range(9, 18)
-BOX, HELD, PUSHING = 18, 19, 20
-CHANNELS, STORED = 21, 9
+STIFFNESS_CHANGES, REMEMBERED = 18, 19
+BOX, HELD, PUSHING, BATH = 20, 21, 22, 23
+CHANNELS, STORED = 24, 9
 # columns of the figures: sums over the time so far, energies stored now, kinetic energy of what is free, now and once
 # it is kicked, energy of single particles that wrapping took away, and what the next step's first kick adds to each sum
 ENERGY, KINETIC, KICKED, SHIFT = CHANNELS, CHANNELS + STORED, CHANNELS + STORED + 1, CHANNELS + STORED + 2
@@ -100,8 +104,9 @@ WORST = 8
 class Account(NamedTuple):
     """What a ledger needs: figures by the columns above, the same by blocks, the worst contacts, and scratch.
 
-    late_nk and early_nk hold the mean velocities of rows in the last kick of a step and in the first of the next,
-    still_nk the rows at rest, spring_pk the springs before the forces of a step (None without friction).
+    late_nk and early_nk hold the mean velocities of rows in the last kick of a step and in the first of the next, and
+    of a last row that never moves, which walls stand for; still_nk the rows at rest, spring_pk and wall_nk the springs
+    of pairs and of walls before the forces of a step (None where there are none).
     """
 
     number: NDArray[np.float64]
@@ -112,6 +117,7 @@ class Account(NamedTuple):
     early_nk: NDArray[np.float64]
     still_nk: NDArray[np.float64]
     spring_pk: Any
+    wall_nk: Any
 
 
 def new_account(body: NDArray[np.float64], width: int, blocks: int) -> Account:
@@ -119,7 +125,7 @@ def new_account(body: NDArray[np.float64], width: int, blocks: int) -> Account:
     n = len(body)
     return Account(
         np.zeros(FIGURES), np.zeros((blocks, _COLUMNS)), np.zeros(WORST), np.zeros((blocks, WORST)),
-        np.zeros((n, width)), np.zeros((n, width)), np.zeros_like(body), None,
+        np.zeros((n + 1, width)), np.zeros((n + 1, width)), np.zeros_like(body), None, None,
     )  # fmt: skip
 
 
@@ -244,33 +250,31 @@ def _share_out(visiting, axes, one, slip, whole, spring, across, elastic, channe
 
 
 @inlined
-def _no_resistance(one, visiting, laws, pair, spring, slip, normal):
+def _no_resistance(one, visiting, laws, pair, spring, slip, turns, normal):
     return 0.0
 
 
 @inlined
-def _account_rolling(one, visiting, laws, pair, spring, slip, normal):
-    axes, arm = laws.axes, reduced_arm(slip)
-    roll = rolling_slip(axes, arm, spin_of_round(axes, laws.body, pair.i), spin_of_round(axes, laws.body, pair.j), slip)
+def _account_rolling(one, visiting, laws, pair, spring, slip, turns, normal):
+    axes, roll = laws.axes, turns.roll
     across = resist_rolling(one, axes, spring, roll, normal, laws.pace)
     elastic = _of_spring(one, axes, spring, roll, laws.pace)
-    x, y, z = torque_of_rolling(across, arm, slip)
+    x, y, z = torque_of_rolling(across, turns.arm, slip)
     whole = _taken(visiting, laws, pair, _NOTHING, (x, y, z), (-x, -y, -z))
-    x, y, z = torque_of_rolling(elastic, arm, slip)
+    x, y, z = torque_of_rolling(elastic, turns.arm, slip)
     part = _taken(visiting, laws, pair, _NOTHING, (x, y, z), (-x, -y, -z))
     return _share_out(visiting, axes, one, roll, whole, part, across, elastic, (ROLLING, ROLLED, ROLLED))
 
 
 @inlined
-def _account_twisting(one, visiting, laws, pair, spring, slip, normal):
-    axes, arm = laws.axes, reduced_arm(slip)
-    twist = twisting_slip(arm, spin_of_round(axes, laws.body, pair.i), spin_of_round(axes, laws.body, pair.j), slip)
+def _account_twisting(one, visiting, laws, pair, spring, slip, turns, normal):
+    axes, twist = laws.axes, turns.twist
     across = resist_twisting(one, axes, spring, twist, normal, laws.pace)
     # one number, as the slip of a plane
     elastic = _of_spring(one, (0, 1), spring, twist, laws.pace)
-    x, y, z = torque_of_twisting(across, arm, slip)
+    x, y, z = torque_of_twisting(across, turns.arm, slip)
     whole = _taken(visiting, laws, pair, _NOTHING, (x, y, z), (-x, -y, -z))
-    x, y, z = torque_of_twisting(elastic, arm, slip)
+    x, y, z = torque_of_twisting(elastic, turns.arm, slip)
     part = _taken(visiting, laws, pair, _NOTHING, (x, y, z), (-x, -y, -z))
     return _share_out(visiting, (0, 1), one, twist, whole, part, across, elastic, (TWISTING, TWISTED, TWISTED))
 
@@ -280,16 +284,69 @@ _twisting = by_type(_account_twisting, {type(None): _no_resistance})
 
 
 @inlined
-def _account_sliding(friction, visiting, laws, pair, touch, slip, spring, normal):
-    axes = laws.axes
-    across = tangential_force(friction, axes, spring, slip, normal, laws.pace)
-    elastic = _of_spring(friction, axes, spring, slip, laws.pace)
+def _same_stiffness(kind, visiting, axes, spring, stiffness, pace):
+    return 0.0
+
+
+@inlined
+def _other_stiffness(kind, visiting, axes, spring, stiffness, pace):
+    before = _spring_energy(kind, axes, spring)
+    follow_stiffness(kind, axes, spring, stiffness, pace)
+    lost = before - _spring_energy(kind, axes, spring)
+    _add(visiting, TANGENTIAL, -lost, 0.0)
+    _add(visiting, STIFFNESS_CHANGES, lost, 0.0)
+    return lost
+
+
+@inlined
+def _energy_of_number(stiffness, axes, spring):
+    stretch, p, k = spring
+    square = 0.0
+    for a in range(len(turning_axes(0.0, axes))):
+        square += stretch[p, k + a] * stretch[p, k + a]
+    return 0.5 * stiffness * square
+
+
+@inlined
+def _energy_of_kept(kind, axes, spring):
+    # of Mindlin's spring the stiffness that the stretch belongs to is kept beside it
+    return _energy_of_number(spring.stretch_pk[spring.p, spring.k + len(turning_axes(0.0, axes))], axes, spring)
+
+
+# the energy of a tangential spring by its stiffness: a number, or a rule of which the number is kept
+_spring_energy = by_type(_energy_of_number, {Mindlin: _energy_of_kept})
+# lets a spring follow the stiffness of its contact, and books what that takes from it; returns that
+_follow_stiffness = by_type(_same_stiffness, {Mindlin: _other_stiffness})
+
+
+@inlined
+def _account_sliding(friction, visiting, laws, pair, slipping, spring, normal):
+    axes, (here, slip, _) = laws.axes, slipping
+    lost = _follow_stiffness(friction.stiffness, visiting, axes, spring, here.stiffness, laws.pace)
+    across = tangential_force(here, axes, spring, slip, normal, laws.pace)
+    elastic = _of_spring(here, axes, spring, slip, laws.pace)
     _supply(visiting, laws, pair, _plain(across))
     li, lj = slip.lever_i, slip.lever_j
     whole = _taken(visiting, laws, pair, _plain(across), torque_of(li, across), torque_of(lj, across))
     part = _taken(visiting, laws, pair, _plain(elastic), torque_of(li, elastic), torque_of(lj, elastic))
     channels = TANGENTIAL, TANGENTIAL_DASHPOTS, SLIDING
-    return _share_out(visiting, axes, friction, slip, whole, part, across, elastic, channels)
+    return lost + _share_out(visiting, axes, here, slip, whole, part, across, elastic, channels)
+
+
+@inlined
+def _account_roughness(rough, visiting, laws, pair, slipping, spring, normal):
+    axes, (_, slip, turns) = laws.axes, slipping
+    stretch, p, column = spring
+    lost = _account_sliding(rough.friction, visiting, laws, pair, slipping, spring, normal)
+    # columns as where the forces are taken
+    column += len(sliding_columns(rough.friction, axes))
+    lost += _rolling(rough.rolling, visiting, laws, pair, Spring(stretch, p, column), slip, turns, normal)
+    column += len(turning_axes(rough.rolling, axes))
+    return lost + _twisting(rough.twisting, visiting, laws, pair, Spring(stretch, p, column), slip, turns, normal)
+
+
+# books what acts across a contact that slips; returns how much of it is dissipated
+_account_slipping = by_type(_account_sliding, {RoughContacts: _account_roughness})
 
 
 @inlined
@@ -299,39 +356,23 @@ def _without_friction(friction, visiting, laws, pair, k, touch, u, normal):
 
 @inlined
 def _with_friction(friction, visiting, laws, pair, k, touch, u, normal):
-    slip = slip_at_touch(laws.shapes, laws.axes, laws.body, pair, k, touch, u)
-    return _account_sliding(friction, visiting, laws, pair, touch, slip, spring_of(laws, pair, k), normal)
+    slipping = slipping_of_touch(friction, laws, pair, k, touch, u)
+    return _account_slipping(friction, visiting, laws, pair, slipping, spring_of(laws, pair, k), normal)
+
+
+# the same at a touch of two rows
+_account_across = by_type(_with_friction, {type(None): _without_friction})
 
 
 @inlined
-def _with_roughness(rough, visiting, laws, pair, k, touch, u, normal):
-    axes = laws.axes
-    slip = slip_at_touch(laws.shapes, axes, laws.body, pair, k, touch, u)
-    stretch, p, column = spring_of(laws, pair, k)
-    lost = _account_sliding(rough.friction, visiting, laws, pair, touch, slip, Spring(stretch, p, column), normal)
-    # columns as where the forces are taken
-    column += len(turning_axes(rough.friction, axes))
-    lost += _rolling(rough.rolling, visiting, laws, pair, Spring(stretch, p, column), slip, normal)
-    column += len(turning_axes(rough.rolling, axes))
-    return lost + _twisting(rough.twisting, visiting, laws, pair, Spring(stretch, p, column), slip, normal)
-
-
-# books what acts across a touch; returns how much of it is dissipated
-_account_across = by_type(_with_friction, {type(None): _without_friction, RoughContacts: _with_roughness})
-
-
-@inlined
-def _no_spring(one, visiting, spring, numbers, stored, slid):
+def _no_spring(one, visiting, axes, spring, stored, slid):
     return None
 
 
 @inlined
-def _release(one, visiting, spring, numbers, stored, slid):
+def _release(one, visiting, axes, spring, stored, slid):
     """Book the energy of a spring that is let go where a touch has opened."""
-    stretch, p, k = spring
-    energy = 0.0
-    for a in range(numbers):
-        energy += 0.5 * one.stiffness * stretch[p, k + a] * stretch[p, k + a]
+    energy = _spring_energy(one.stiffness, axes, spring)
     _add(visiting, stored, -energy, 0.0)
     _add(visiting, slid, energy, 0.0)
 
@@ -340,29 +381,62 @@ _release_spring = by_type(_release, {type(None): _no_spring})
 
 
 @inlined
-def _nothing_to_release(friction, visiting, laws, pair, k):
-    return None
+def _release_friction(friction, visiting, axes, spring):
+    _release_spring(friction, visiting, axes, spring, TANGENTIAL, SLIDING)
 
 
 @inlined
-def _release_friction(friction, visiting, laws, pair, k):
-    _release_spring(
-        friction, visiting, spring_of(laws, pair, k), len(turning_axes(friction, laws.axes)), TANGENTIAL, SLIDING
-    )
+def _release_roughness(rough, visiting, axes, spring):
+    stretch, p, column = spring
+    _release_spring(rough.friction, visiting, axes, spring, TANGENTIAL, SLIDING)
+    column += len(sliding_columns(rough.friction, axes))
+    _release_spring(rough.rolling, visiting, axes, Spring(stretch, p, column), ROLLING, ROLLED)
+    column += len(turning_axes(rough.rolling, axes))
+    # one number, as the slip of a plane
+    _release_spring(rough.twisting, visiting, (0, 1), Spring(stretch, p, column), TWISTING, TWISTED)
+
+
+# books the springs of a contact that is open
+_release_springs = by_type(_release_friction, {RoughContacts: _release_roughness})
 
 
 @inlined
-def _release_roughness(rough, visiting, laws, pair, k):
-    axes, numbers = laws.axes, len(turning_axes(rough.friction, laws.axes))
-    stretch, p, column = spring_of(laws, pair, k)
-    _release_spring(rough.friction, visiting, Spring(stretch, p, column), numbers, TANGENTIAL, SLIDING)
-    column += numbers
-    numbers = len(turning_axes(rough.rolling, axes))
-    _release_spring(rough.rolling, visiting, Spring(stretch, p, column), numbers, ROLLING, ROLLED)
-    _release_spring(rough.twisting, visiting, Spring(stretch, p, column + numbers), 1, TWISTING, TWISTED)
+def _release_at_touch(friction, visiting, laws, pair, k):
+    _release_springs(friction, visiting, laws.axes, spring_of(laws, pair, k))
 
 
-_release_springs = by_type(_release_friction, {type(None): _nothing_to_release, RoughContacts: _release_roughness})
+# the same at a touch of two rows
+_release_across = by_type(_release_at_touch, {type(None): lambda friction, visiting, laws, pair, k: None})
+
+
+def _form_and_break(effects: Any, visiting: Any, laws: Any, pair: Any) -> None:
+    """Bring what effects remember of a pair to its distance, and book the energy that this takes."""
+    raise NotImplementedError("works are summed in compiled loops")
+
+
+@inlined
+def _formed_and_broken(effects, visiting, laws, pair):
+    r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
+    lost = _remembered_energy(effects, laws, pair, r)
+    remember(effects, laws, pair)
+    lost -= _remembered_energy(effects, laws, pair, r)
+    _add(visiting, INTERACTIONS, -lost, 0.0)
+    _add(visiting, REMEMBERED, lost, 0.0)
+
+
+@inlined
+def _remembered_energy(effects, laws, pair, r):
+    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    column, energy = len(spring_columns(laws.friction, laws.axes)), 0.0
+    for one in literal_unroll(effects):
+        energy += remembered_energy(one, r, sigma, memory_at(one, laws.stretch_pk, pair.p, column))
+        column += memory_size(one)
+    return energy
+
+
+@compiled_form(_form_and_break, inline=True)
+def _choose_form_and_break(effects: Any, visiting: Any, laws: Any, pair: Any) -> Any:
+    return _formed_and_broken if any(remembers(one) for one in effects) else lambda effects, visiting, laws, pair: None
 
 
 def _account_beyond(effects: Any, visiting: Any, laws: Any, pair: Any) -> None:
@@ -372,6 +446,7 @@ def _account_beyond(effects: Any, visiting: Any, laws: Any, pair: Any) -> None:
 
 @inlined
 def _beyond(effects, visiting, laws, pair):
+    _form_and_break(effects, visiting, laws, pair)
     energy, pull = pull_beyond(effects, laws, pair)
     force = pull.fx, pull.fy, pull.fz
     _supply(visiting, laws, pair, force)
@@ -399,7 +474,7 @@ def _account_pair(visiting, laws, pair, value):
                 touching = True
                 _account_touch(effects, visiting, laws, pair, k, touch)
         if not touching:
-            _release_springs(laws.friction, visiting, laws, pair, k)
+            _release_across(laws.friction, visiting, laws, pair, k)
     return value
 
 
@@ -410,7 +485,7 @@ def _account_touch(effects, visiting, laws, pair, k, touch):
     for one in literal_unroll(effects):
         elastic += pair_first(one, touch.rho, touch.sigma)
     damped = resistance_at(effects, laws, pair, touch, u, elastic)
-    normal = abs(elastic) * steepness(laws.shapes, touch)
+    normal = normal_under_cap(effects, touch, abs(elastic) * steepness(laws.shapes, touch))
     # what a derivative of one takes up, times the derivatives
     slope = touch.x, touch.y, touch.z
     on_i, on_j = with_torques_of_slopes(laws.shapes, touch, 1.0, _NOTHING, _NOTHING)
@@ -653,6 +728,29 @@ _account_bodies = by_type(
 )
 
 
+@visit_wall.form(Accounting)
+@inlined
+def _account_at_wall(visiting, one, axes, state, i, touch, spring, value):
+    if touch.rho < touch.sigma:
+        slipping, normal = slipping_at_wall(one, axes, state, i, touch)
+        # the row behind all others never moves, as walls do not
+        pair = _Ends(i, state.body.shape[0], 0.0, 0.0, 0.0)
+        lost = _account_slipping(one.rough, visiting, value, pair, slipping, spring, normal)
+        _compare(visiting, pair, GAVE, -lost)
+    else:
+        _release_springs(one.rough, visiting, axes, spring)
+    return value
+
+
+@inlined
+def _account_walls(rough, account, kicks, laws, state, rows, b):
+    walk_walls(Accounting(account, kicks, b), rough, laws.axes, state, account.wall_nk, rows, laws)
+
+
+# books what rough walls do across; nothing in a scene without
+_account_across_walls = by_type(lambda rough, account, kicks, laws, state, rows, b: None, {RoughWalls: _account_walls})
+
+
 @inlined
 def _with_springs(laws, pace, stretch_pk):
     return ContactLaws(
@@ -661,19 +759,20 @@ def _with_springs(laws, pace, stretch_pk):
 
 
 @device
-def _close(account, flowing, at_start, time):
+def _close(account, between, at_start, time):
     """Add the blocks up in their order, and the figures of this time to those before."""
     number, part_bk, worst, worst_bk = account.number, account.part_bk, account.worst, account.worst_bk
     for b in range(1, part_bk.shape[0]):
         for c in range(part_bk.shape[1]):
             part_bk[0, c] += part_bk[b, c]
     node = part_bk[0]
+    for c in range(CHANNELS):
+        # at the start no kick has come before: what springs give up is all
+        number[c] += node[c] if at_start else number[AHEAD + c] + node[c]
     if not at_start:
-        for c in range(CHANNELS):
-            number[c] += number[AHEAD + c] + node[c]
-        # between the kicks a box that deforms changes peculiar velocities
-        if flowing:
-            number[BOX] += node[_BEFORE] - number[KICKED]
+        # what changes velocities between the kicks: a box that deforms, or a heat bath
+        if between >= 0:
+            number[between] += node[_BEFORE] - number[KICKED]
     for c in range(CHANNELS):
         number[AHEAD + c] = node[_EARLY + c]
     for c in range(STORED):
@@ -699,14 +798,25 @@ _copy_springs = by_type(_copy, {type(None): lambda stretch_pk, inner_pk, low, hi
 
 
 @inlined
+def _copy_at_walls(rough, wall_nk, rows):
+    _copy(wall_nk, rough.stretch_nk, rows[0], rows[1])
+
+
+_copy_walls = by_type(lambda rough, wall_nk, rows: None, {RoughWalls: _copy_at_walls})
+
+
+@inlined
 def _keep(account, system, blocks):
-    start = system.pairs.start_s
+    start, row_b = system.pairs.start_s, system.pairs.row_b
     _copy_springs(account.spring_pk, inner_stretches(system.track), start[2 * blocks[0]], start[2 * blocks[1]])
+    _copy_walls(system.acting.walls, account.wall_nk, (row_b[blocks[0]], row_b[blocks[1]]))
 
 
 # keeps the springs as they are before forces are taken; nothing without an account
 keep_springs = by_type(_keep, {type(None): lambda account, system, blocks: None})
-is_flowing = by_type(lambda flow: True, {type(None): lambda flow: False})
+_boxes_channel = by_type(lambda flow: BOX, {type(None): lambda flow: -1})
+# the channel of what changes velocities between the kicks, -1 for none: that of the bath, or else of the flow
+_channel_between = by_type(lambda bath, flow: BATH, {type(None): lambda bath, flow: _boxes_channel(flow)})
 
 
 @inlined
@@ -730,11 +840,12 @@ def _book_kicks(account, system, thread, blocks, pace, kicks, time):
     wait(thread)
     for b in range(blocks[0], blocks[1]):
         _account_bodies(acting.bodies, account, kicks, laws, state, acting.shapes, row_b[b], row_b[b + 1], b)
+        _account_across_walls(acting.walls, account, kicks, laws, state, (row_b[b], row_b[b + 1]), b)
         _account_contacts(acting.pairs, account, kicks, springs, pairs, b)
         _account_of_bonds(space.bonds, account, kicks, now, space.frame.lattice_dd, b, 0)
     wait(thread)
     if is_first(thread):
-        _close(account, is_flowing(space.flow), kicks.at_start, time)
+        _close(account, _channel_between(state.bath, space.flow), kicks.at_start, time)
     wait(thread)
 
 

@@ -9,8 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.dynamics.account import BREAKING, ENERGY, FIGURES, SHIFT, STORED, Account, new_account
-from packmech.effects import Mindlin, friction_of, langevin_of, memory_columns, rough_walls
+from packmech.dynamics.account import (
+    BREAKING,
+    CHANNELS,
+    ENERGY,
+    FIGURES,
+    GAVE,
+    LEFT,
+    SHIFT,
+    STORED,
+    WORST,
+    Account,
+    new_account,
+)
+from packmech.dynamics.wall_friction import RoughWalls
 from packmech.minimize.passes.pair_list import Track
 from packmech.scene import Scene
 
@@ -29,6 +41,8 @@ class Book:
         The steps at which figures were kept, and these.
     before
         What was stored when bonds were last about to be taken out.
+    first
+        Steps before those of the engine, of a run that was cut into spans.
 
     """
 
@@ -37,6 +51,7 @@ class Book:
     step_t: list[int] = field(default_factory=list)
     row_tk: list[NDArray[np.float64]] = field(default_factory=list)
     before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(STORED))
+    first: int = 0
 
     def account_for(self, track: Track | None) -> Account:
         """Return the account with room for the springs of these lists."""
@@ -48,15 +63,41 @@ class Book:
 
     def keep(self, steps: int) -> None:
         """Keep the figures of this step, in place of those that were kept of it before."""
-        if self.step_t and self.step_t[-1] == steps:
+        if self.step_t and self.step_t[-1] == self.first + steps:
             self.step_t.pop(), self.row_tk.pop()
-        self.step_t.append(steps)
+        self.step_t.append(self.first + steps)
         self.row_tk.append(self.account.number.copy())
 
     def keep_due(self, steps: int) -> None:
         """Keep the figures of this step if they are due."""
         if steps % self.every == 0:
             self.keep(steps)
+
+    def go_on_from(
+        self, book: Book, order_n: NDArray[np.int64], row_n: NDArray[np.int64], span: tuple[int, float]
+    ) -> None:
+        """Go on where the book of another engine of the same particles ended.
+
+        Parameters
+        ----------
+        book
+            The other one.
+        order_n
+            The particle of each of its rows.
+        row_n
+            The row of each particle here.
+        span
+            Steps of the other engine, and their time.
+
+        """
+        steps, time = span
+        self.first, self.step_t, self.row_tk = book.first + steps, book.step_t, book.row_tk
+        for place in (slice(CHANNELS), SHIFT):
+            self.account.number[place] = book.account.number[place]
+        for place in range(LEFT, WORST, GAVE):
+            energy, *rows, then = book.account.worst[place : place + 4].tolist()
+            here = [row_n[order_n[int(row)]] if row < len(order_n) else row for row in rows]
+            self.account.worst[place : place + 4] = energy, *here, then - time
 
     def mark(self) -> None:
         """Keep in mind what is stored before bonds are taken out."""
@@ -93,10 +134,7 @@ class Book:
 
 
 def refuse_unknown(argument: str, scene: Scene) -> None:
-    """Refuse what no channel is known of.
-
-    Heat baths, interactions that remember, Mindlin's springs, rigid links, and shapes in space, which turn
-    without torques.
+    """Refuse what no channel is known of: rigid links, and shapes in space, which turn without torques.
 
     Parameters
     ----------
@@ -107,16 +145,6 @@ def refuse_unknown(argument: str, scene: Scene) -> None:
 
     """
     packing, shapes = scene.packing, scene.packing.shapes
-    friction = friction_of(scene.effects)
-    unknown = {
-        "Langevin": langevin_of(scene.effects) is not None,
-        "interactions that remember": memory_columns(scene.effects) > 0,
-        "rough walls": bool(rough_walls(scene.effects)),
-        "Mindlin's springs": friction is not None and isinstance(friction.stiffness, Mindlin),
-    }
-    for name, there in unknown.items():
-        if there:
-            raise ValueError(f"scene.effects must have no {name} where energies are accounted for, got such a scene")
     if packing.links:
         raise ValueError(
             f"{argument} must have no rigid links where energies are accounted for, got {len(packing.links)} links"
@@ -127,7 +155,10 @@ def refuse_unknown(argument: str, scene: Scene) -> None:
         )
 
 
-def make_book(scene: Scene, body: NDArray[np.float64], width: int, blocks: int, every: int) -> Book:
-    """Return the book of a scene's rows, after refusing what a ledger does not know."""
+def make_book(
+    scene: Scene, body: NDArray[np.float64], width: int, blocks: int, walls: RoughWalls | None, every: int
+) -> Book:
+    """Return the book of a scene's rows and rough walls, after refusing what a ledger does not know."""
     refuse_unknown("scene.packing", scene)
-    return Book(new_account(body, width, blocks), every)
+    account = new_account(body, width, blocks)
+    return Book(account._replace(wall_nk=None if walls is None else np.empty_like(walls.stretch_nk)), every)

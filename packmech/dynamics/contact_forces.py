@@ -25,6 +25,7 @@ from packmech.dynamics.deformation import rates, relative
 from packmech.dynamics.friction import (
     Across,
     Pull,
+    Slipping,
     Spring,
     add_force,
     add_reaction,
@@ -180,24 +181,32 @@ def _no_friction(friction, laws, pair, k, touch, u, normal):
 
 
 @inlined
-def _friction_of_touch(friction, laws, pair, k, touch, u, normal):
+def _slipping(friction, laws, pair, k, touch, u):
     slip = slip_at_touch(laws.shapes, laws.axes, laws.body, pair, k, touch, u)
-    here = friction_here(friction, laws, pair, touch, u)
-    return resist(friction, laws.axes, here, slip, None, spring_of(laws, pair, k), normal, laws.pace)
+    return Slipping(friction_here(friction, laws, pair, touch, u), slip, None)
 
 
 @inlined
-def _roughness_of_touch(rough, laws, pair, k, touch, u, normal):
+def _slipping_and_turning(rough, laws, pair, k, touch, u):
     axes, body = laws.axes, laws.body
     slip = slip_at_touch(laws.shapes, axes, body, pair, k, touch, u)
     here = friction_here(rough.friction, laws, pair, touch, u)
     wi, wj = spin_of_round(axes, body, pair.i), spin_of_round(axes, body, pair.j)
-    turns = turns_at(axes, reduced_arm(slip), wi, wj, slip)
-    return resist(rough, axes, here, slip, turns, spring_of(laws, pair, k), normal, laws.pace)
+    return Slipping(here, slip, turns_at(axes, reduced_arm(slip), wi, wj, slip))
+
+
+# how a touch slips, against which friction, and how its rows turn where that is resisted
+slipping_of_touch = by_type(_slipping, {RoughContacts: _slipping_and_turning})
+
+
+@inlined
+def _friction_of_touch(friction, laws, pair, k, touch, u, normal):
+    here, slip, turns = slipping_of_touch(friction, laws, pair, k, touch, u)
+    return resist(friction, laws.axes, here, slip, turns, spring_of(laws, pair, k), normal, laws.pace)
 
 
 # the tangential force, what resists rolling and twisting (None without), and torques on both rows
-friction_at = by_type(_friction_of_touch, {type(None): _no_friction, RoughContacts: _roughness_of_touch})
+friction_at = by_type(_friction_of_touch, {type(None): _no_friction})
 
 
 def resistance_at(effects: Any, laws: Any, pair: Any, touch: Any, u: Any, elastic: Any) -> Any:

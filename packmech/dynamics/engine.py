@@ -334,6 +334,11 @@ class Engine:
         self.started = True
         self.force_evaluations += 1
 
+    def go_on_with_book_of(self, engine: Engine) -> None:
+        """Account for the energy from where another engine of the same particles ended."""
+        assert self.book is not None and engine.book is not None
+        self.book.go_on_from(engine.book, engine.order_n, self.row_n, (engine.steps, engine.time))
+
     def advance(self, steps: int, ledger: Ledger | None = None) -> int:
         """Advance by up to `steps` steps; return how that ended."""
         if not self.started:
@@ -974,7 +979,12 @@ def build_engine(
         too_long=step_condition(scene, dt, _in_order(weight[:, 0], order), second_order=second_order, lead=lead),
     )
     if ledger_every is not None:
-        built.book = make_book(scene, body, d + spins, len(built.pairs.row_b) - 1, ledger_every)
+        if langevin is not None and flow is not None:
+            raise ValueError(
+                "scene.effects must have no Langevin where energies are accounted for in a box that deforms, as both "
+                f"change velocities between kicks, got {langevin!r}"
+            )
+        built.book = make_book(scene, body, d + spins, len(built.pairs.row_b) - 1, walls, ledger_every)
     built._link_rows()
     project_rattle(built.rattle, body, built.space.frame.lattice_dd)
     return built

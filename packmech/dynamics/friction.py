@@ -102,6 +102,14 @@ class Turning(NamedTuple):
     twisting: Any
 
 
+class Slipping(NamedTuple):
+    """How a contact slips: the friction with the numbers it has there, the slip, and how its rows turn; or None."""
+
+    here: Friction
+    slip: Slip
+    turns: Any
+
+
 class Pull(NamedTuple):
     """What two rows do to each other: force on i, torques on both, normal force, and what `Across` says of the spring.
 

@@ -28,15 +28,19 @@ _TINY = 1e-15
 
 
 class WorstContact(NamedTuple):
-    """The contact or bond at which one step was worst: its particles, when, and by how much [energy]."""
+    """The contact or bond at which one step was worst: its particles, when, and by how much [energy].
+
+    `j` is None where it is one of a particle with a wall.
+    """
 
     i: int
-    j: int
+    j: int | None
     time: float
     energy: float
 
     def __str__(self) -> str:
-        return f"most at the contact of particles {self.i} and {self.j}, {self.energy:.2g} in a step at {self.time:.6g}"
+        pair = f"particle {self.i} with a wall" if self.j is None else f"particles {self.i} and {self.j}"
+        return f"most at the contact of {pair}, {self.energy:.2g} in a step at {self.time:.6g}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -50,9 +54,12 @@ class EnergyLedger:
 
     Channels that store: "contacts", "interactions", springs of friction ("tangential"), "rolling", "twisting", "bonds",
     "bond_tangential", "bodies" (potentials of single particles) and "walls". That dissipate: "normal_dashpots",
-    "tangential_dashpots", "sliding", "rolling", "twisting", "bond_dashpots", "breaking" (of bonds), "drag" and
-    "wall_dashpots". That do work: the deforming "box", particles that are "held" and moved, and single particles'
-    forces without a potential ("pushing"). What a scene lacks is left out.
+    "tangential_dashpots", "sliding", "rolling", "twisting", "bond_dashpots", "breaking" (of bonds), "drag",
+    "wall_dashpots", "stiffness_changes" (what `Mindlin`'s springs lose as the normal force changes under them) and
+    "interactions" (what forming and breaking of `JKR` contacts and bridges takes). That do work: the deforming "box",
+    particles that are "held" and moved, single particles' forces without a potential ("pushing"), and the heat "bath"
+    of `Langevin`, friction and noise together. Springs and dashpots of rough walls are booked where those of contacts
+    are. What a scene lacks is left out.
 
     Attributes
     ----------
@@ -222,7 +229,10 @@ def _worst(engine: Engine, numbers: NDArray[np.float64]) -> WorstContact | None:
     energy, i, j, time = numbers.tolist()
     if not energy > 0.0:
         return None
-    return WorstContact(int(engine.order_n[int(i)]), int(engine.order_n[int(j)]), time, energy)
+    assert engine.book is not None
+    time += engine.book.first * engine.dt
+    other = int(engine.order_n[int(j)]) if int(j) < len(engine.order_n) else None
+    return WorstContact(int(engine.order_n[int(i)]), other, time, energy)
 
 
 def ledger_of(engine: Engine) -> EnergyLedger | None:
@@ -230,9 +240,12 @@ def ledger_of(engine: Engine) -> EnergyLedger | None:
     book = engine.book
     if book is None or not book.step_t:
         return None
-    now = book.step_t[-1] == engine.steps
-    step_t = book.step_t if now else [*book.step_t, engine.steps]
+    step = book.first + engine.steps
+    now = book.step_t[-1] == step
+    step_t = book.step_t if now else [*book.step_t, step]
     rows = np.array(book.row_tk if now else [*book.row_tk, book.account.number])
+    # what springs gave up as the very first forces were taken was before the start
+    rows[:, : account.CHANNELS] -= rows[0, : account.CHANNELS].copy()
     storing, dissipating = account.STORED, account.BOX
     energy = rows[:, account.ENERGY : account.KINETIC]
     left = rows[:, :storing] - (energy - energy[0])

@@ -12,6 +12,7 @@ from packmech.constraints.projection import strain_box
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import stiffness_and_damping
+from packmech.dynamics.ledger import EnergyLedger, ledger_of
 from packmech.dynamics.observables import (
     CONTACTS,
     KINETIC,
@@ -71,13 +72,16 @@ class Spans:
         dt: float,
         velocity_nd: NDArray[np.float64] | None = None,
         spin_nk: NDArray[np.float64] | None = None,
+        *,
+        ledger: bool = False,
     ) -> None:
         self.scene, self.dt, self.steps = scene, dt, 0
+        self._keeps_ledger, self._kept = ledger, None
         self.velocity_nd = np.zeros_like(scene.packing.position_nd) if velocity_nd is None else velocity_nd
         self.spin_nk = spin_nk
         self._limits: tuple[Condition, ...] = ()
         d = scene.packing.dimension
-        self._look(self._engine(np.zeros((d, d))))
+        self._look(self._engine(np.zeros((d, d)), 0))
 
     def advance(self, rate_dd: NDArray[np.float64], steps: int) -> bool:
         """Take so many steps in which the box deforms at this (d, d) rate; return whether they were short enough.
@@ -91,16 +95,23 @@ class Spans:
             tangential = before.packing.tangential
             strained = strain_box(before.packing, steps * self.dt * rate_dd).replace(tangential=tangential)
             self.scene = before.replace(packing=strained)
-        engine = self._engine(rate_dd)
+        engine = self._engine(rate_dd, steps)
         self._limits = engine.limits()
         if engine.advance(steps) != RUNNING:
             self.scene = before
             return False
         self.steps += steps
+        if engine.book is not None:
+            self._kept = engine
         self.scene = self.scene.replace(packing=engine.packing())
         self.velocity_nd, self.spin_nk = engine.velocities(), engine.spins()
         self._look(engine)
         return True
+
+    @property
+    def ledger(self) -> EnergyLedger | None:
+        """Where the energy went in all spans, with figures at their ends; None unless it is kept."""
+        return None if self._kept is None else ledger_of(self._kept)
 
     def limits(self) -> tuple[Condition, ...]:
         """Return the limit that the time step does not keep, if there is one."""
@@ -176,18 +187,22 @@ class Spans:
             if count % every == 0 and at_rest():
                 return Outcome.CONVERGED
 
-    def _engine(self, rate_dd: NDArray[np.float64]) -> Engine:
-        """Return the engine of what is there now, in a box that deforms at this rate."""
+    def _engine(self, rate_dd: NDArray[np.float64], steps: int) -> Engine:
+        """Return the engine of what is there now, in a box that deforms at this rate for so many steps."""
         size = float(np.abs(rate_dd).max())
         still = bool(self.scene.packing.links)
-        return build_engine(
+        engine = build_engine(
             self.scene,
             dt=self.dt,
             velocity_nd=self.velocity_nd,
             spin_nk=self.spin_nk,
             profile=None if still else Ramp(0.0, size, 0.0, math.inf),
             direction_dd=None if still else rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
+            ledger_every=steps if self._keeps_ledger and steps else None,
         )
+        if engine.book is not None and self._kept is not None:
+            engine.go_on_with_book_of(self._kept)
+        return engine
 
     def _look(self, engine: Engine) -> None:
         self.row = engine.observe()

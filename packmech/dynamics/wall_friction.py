@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from packmech.dynamics.contact_records import write_springs
 from packmech.dynamics.friction import (
     Pull,
+    Slipping,
     Spring,
     add_force,
     energy_of_springs,
-    relax_columns,
+    relax,
     resist,
     slip_of_round,
     spin_of_round,
@@ -146,8 +147,8 @@ _turns_at_wall = by_type(_no_turns, {RoughContacts: _turns})
 
 
 @inlined
-def _pull(one, stretch_nk, axes, state, i, column, touch, pace):
-    """Return what a wall does across to a row that touches it; its push is left out, but as the normal force."""
+def slipping_at_wall(one, axes, state, i, touch):
+    """Return how a row that touches a wall slips on it, and the normal force."""
     body, wall, rough = state.body, one.wall, one.rough
     u = -body[i, 4], -body[i, 5], -body[i, 6] if len(axes) == 3 else 0.0
     rate = 2.0 * (u[0] * touch.x + u[1] * touch.y + u[2] * touch.z)
@@ -157,12 +158,54 @@ def _pull(one, stretch_nk, axes, state, i, column, touch, pace):
     slip = slip_of_round(
         axes, WallTouch(touch.x, touch.y, touch.z, 0.0, 0.0), (0.5 * touch.rho, 0.0), u, wi, (0.0, 0.0, 0.0)
     )
-    normal = abs(law_first(wall.law, touch.rho, touch.sigma))
-    spring = Spring(stretch_nk, i, column)
-    across, turning, on_i, on_j = resist(
-        rough, axes, here, slip, _turns_at_wall(rough, axes, wi, slip), spring, normal, pace
-    )
+    return Slipping(here, slip, _turns_at_wall(rough, axes, wi, slip)), abs(law_first(wall.law, touch.rho, touch.sigma))
+
+
+@inlined
+def _pull(one, axes, state, i, touch, spring, pace):
+    """Return what a wall does across to a row that touches it; its push is left out, but as the normal force."""
+    (here, slip, turns), normal = slipping_at_wall(one, axes, state, i, touch)
+    across, turning, on_i, on_j = resist(one.rough, axes, here, slip, turns, spring, normal, pace)
     return here, Pull(across.fx, across.fy, across.fz, on_i, on_j, normal, across, turning)
+
+
+def _not_in_python(visitor: Any, one: Any, axes: Any, state: Any, i: Any, touch: Any, spring: Any, value: Any) -> Any:
+    raise NotImplementedError("walls are visited in compiled loops")
+
+
+# the value after the visit of a row at a side of a wall, where it touches it and where it does not; the spring is where
+# its stretches begin: (visitor, wall, axes, state, row, touch, spring, value) -> value
+visit_wall = by_type(_not_in_python)
+
+
+@inlined
+def walk_walls(visitor, rough, axes, state, stretch_nk, rows, value):
+    """Visit each row of a range at each side of each wall."""
+    for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
+        column = 0
+        for one in literal_unroll(rough.walls):
+            for side in range(SIDES):
+                touch = _touch(one.wall, state.body, i, side)
+                value = visit_wall(visitor, one, axes, state, i, touch, Spring(stretch_nk, i, column), value)
+                column += len(spring_columns(one.rough, axes))
+    return value
+
+
+class _Pushing(NamedTuple):
+    """The visitor that adds forces and torques to rows."""
+
+    pace: Any
+
+
+@visit_wall.form(_Pushing)
+@inlined
+def _push_row(pushing, one, axes, state, i, touch, spring, value):
+    if touch.rho < touch.sigma:
+        _, pull = _pull(one, axes, state, i, touch, spring, pushing.pace)
+        add_force(axes, state.spins, state.push, i, pull)
+    else:
+        relax(one.rough, axes, spring)
+    return value
 
 
 @inlined
@@ -172,23 +215,7 @@ def _nothing(rough, axes, state, pace, rows):
 
 @inlined
 def _push(rough, axes, state, pace, rows):
-    for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
-        column = 0
-        for one in literal_unroll(rough.walls):
-            columns = spring_columns(one.rough, axes)
-            for side in range(SIDES):
-                touch = _touch(one.wall, state.body, i, side)
-                if touch.rho < touch.sigma:
-                    _, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, pace)
-                    add_force(axes, state.spins, state.push, i, pull)
-                else:
-                    relax_columns(columns, rough.stretch_nk, i, column)
-                column += len(columns)
-
-
-@inlined
-def _no_sums(rough, axes, state, now):
-    return 0.0, 0.0
+    walk_walls(_Pushing(pace), rough, axes, state, rough.stretch_nk, rows, 0)
 
 
 @inlined
@@ -232,33 +259,54 @@ def _energy_of_all(rough, here, pull):
 _energy_of_springs = by_type(_energy_of_sliding, {RoughContacts: _energy_of_all})
 
 
+class _Summing(NamedTuple):
+    """The visitor that adds up the energies of springs, and what they can hold."""
+
+    now: Any
+
+
+@visit_wall.form(_Summing)
+@inlined
+def _sum_row(summing, one, axes, state, i, touch, spring, value):
+    energy, held = value
+    if touch.rho < touch.sigma:
+        here, pull = _pull(one, axes, state, i, touch, spring, summing.now)
+        energy += _energy_of_springs(one.rough, here, pull)
+        held += _held_there(one.rough, here, pull.normal)
+    return energy, held
+
+
+@inlined
+def _no_sums(rough, axes, state, now):
+    return 0.0, 0.0
+
+
 @inlined
 def _sum_energy(rough, axes, state, now):
-    energy = held = 0.0
-    for i in range(state.body.shape[0]):
-        column = 0
-        for one in literal_unroll(rough.walls):
-            for side in range(SIDES):
-                touch = _touch(one.wall, state.body, i, side)
-                if touch.rho < touch.sigma:
-                    here, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, now)
-                    energy += _energy_of_springs(one.rough, here, pull)
-                    held += _held_there(one.rough, here, pull.normal)
-                column += len(spring_columns(one.rough, axes))
-    return energy, held
+    rows = 0, state.body.shape[0]
+    return walk_walls(_Summing(now), rough, axes, state, rough.stretch_nk, rows, (0.0, 0.0))
+
+
+class _Writing(NamedTuple):
+    """The visitor that writes down the stretches of springs."""
+
+    now: Any
+    stretch_nk: Any
+
+
+@visit_wall.form(_Writing)
+@inlined
+def _write_row(writing, one, axes, state, i, touch, spring, value):
+    if touch.rho < touch.sigma:
+        _, pull = _pull(one, axes, state, i, touch, spring, writing.now)
+        write_springs(one.rough, axes, writing.stretch_nk, i, spring.k, pull)
+    return value
 
 
 @lean
 def _write_down(rough, axes, state, now, stretch_nk):
-    for i in range(state.body.shape[0]):
-        column = 0
-        for one in literal_unroll(rough.walls):
-            for side in range(SIDES):
-                touch = _touch(one.wall, state.body, i, side)
-                if touch.rho < touch.sigma:
-                    _, pull = _pull(one, rough.stretch_nk, axes, state, i, column, touch, now)
-                    write_springs(one.rough, axes, stretch_nk, i, column, pull)
-                column += len(spring_columns(one.rough, axes))
+    rows = 0, state.body.shape[0]
+    walk_walls(_Writing(now, stretch_nk), rough, axes, state, rough.stretch_nk, rows, 0)
 
 
 def stretches_at_walls(system: Any, now: Any) -> NDArray[np.float64]:

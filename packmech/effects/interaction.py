@@ -155,6 +155,27 @@ def _choose_remembered(effect: Any, distance: Any, contact_distance: Any, memory
     return numbers
 
 
+def remembered_energy(effect: Any, distance: float, contact_distance: float, memory: tuple[float, ...]) -> float:
+    """Return the energy of a pair with the numbers kept of it, at its reach from there on; 0 where none are kept."""
+    if not remembers(effect):
+        return 0.0
+    at = min(distance, effect.reach(contact_distance))
+    return float(effect.interaction_energy(at, contact_distance, 1.0, memory))
+
+
+@compiled_form(remembered_energy)
+def _choose_remembered_energy(effect: Any, distance: Any, contact_distance: Any, memory: Any) -> Any:
+    if not remembers(effect):
+        return lambda effect, distance, contact_distance, memory: 0.0
+    reach, hook = hook_of(effect, "reach"), hook_of(effect, "interaction_energy")
+    assert reach is not None and hook is not None
+
+    def energy(effect, distance, contact_distance, memory):  # type: ignore[no-untyped-def]
+        return hook(effect, min(distance, reach(effect, contact_distance)), contact_distance, 1.0, memory)
+
+    return energy
+
+
 def bring_memory(effect: Any, distance: float, contact_distance: float, number_pk: Any, p: int, column: int) -> None:
     """Bring the numbers that one effect keeps of a pair, in the row p from a column on, to this distance."""
     for k, one in enumerate(remembered(effect, distance, contact_distance, memory_at(effect, number_pk, p, column))):

@@ -18,6 +18,7 @@ from packmech.check import instance, integer, positive, real
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
+from packmech.dynamics.ledger import EnergyLedger
 from packmech.dynamics.spans import Spans
 from packmech.effects import bonds_of, interactions_of
 from packmech.jit.blas import single_thread
@@ -156,6 +157,8 @@ class Deformation(Run):
         Largest missing stress over the scale of the held ones at which these count as held [1].
     rearrangements
         Falls to other equilibria on the way, at rest.
+    ledger
+        Where the energy went, of runs in time that were asked for it.
 
     """
 
@@ -168,6 +171,7 @@ class Deformation(Run):
     rate: float = 0.0
     tolerance: float = 0.0
     rearrangements: int = 0
+    ledger: EnergyLedger | None = None
 
     @property
     def pressure_t(self) -> NDArray[np.float64]:
@@ -468,6 +472,7 @@ def deform_at_rate(
     answer: float = 3.0,
     stress_tolerance: float = 0.02,
     dt: float | None = None,
+    ledger: bool = False,
     time_limit: float | None = None,
     progress: Progress = None,
     check: bool = True,
@@ -501,6 +506,8 @@ def deform_at_rate(
         Largest missing stress over the largest one held, in the mean over the run, at which it counts as held [1].
     dt
         Time step; a tenth of the shortest time of a contact unless given.
+    ledger
+        Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at.
     time_limit
         Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
@@ -541,10 +548,10 @@ def deform_at_rate(
         raise ValueError("strain must name a component that is not 0, got none")
     if scene.packing.links:
         raise ValueError(f"scene.packing must have no rigid links, got {len(scene.packing.links)}")
-    positive("rate", rate), positive("answer", answer)
+    positive("rate", rate), positive("answer", answer), instance("ledger", ledger, bool)
     tolerance = positive("stress_tolerance", stress_tolerance)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
-    moving = _InTime(scene, control, rate, answer, step)
+    moving = _InTime(scene, control, rate, answer, step, ledger)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     return loop.run(lambda: moving.through(loop, tolerance), lambda outcome: moving.finish(outcome, tolerance))
 
@@ -552,7 +559,7 @@ def deform_at_rate(
 class _InTime:
     """A packing on its way through time, span by span."""
 
-    def __init__(self, scene: Scene, control: Control, rate: float, answer: float, dt: float) -> None:
+    def __init__(self, scene: Scene, control: Control, rate: float, answer: float, dt: float, ledger: bool) -> None:
         self.control, self.rate = control, rate
         self.kept = _Rows(control)
         packing = scene.packing
@@ -563,7 +570,7 @@ class _InTime:
         self.follow = 1.0 / (self.time * stiff * float(packing.diameter_n.mean()) ** (2 - control.dimension))
         self.direction_dd = control.end_dd * (rate / np.abs(control.end_dd).max())
         self.whole = float(np.abs(control.end_dd).max()) / rate
-        self.spans = Spans(scene, dt)
+        self.spans = Spans(scene, dt, ledger=ledger)
         self.volume = packing_fraction(packing) * packing.box.volume
         # of the missing stress over time, over the time of its memory
         self.integral_dd = np.zeros((control.dimension, control.dimension))
@@ -653,6 +660,7 @@ class _InTime:
             ),
             rate=self.rate,
             tolerance=tolerance,
+            ledger=spans.ledger,
             **self.kept.columns(),
         )
         return _judged(run) if outcome is Outcome.FINISHED else run

@@ -15,6 +15,7 @@ from packmech.calls.status import Progress
 from packmech.check import instance, integer, positive, real, two_axes
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
+from packmech.dynamics.ledger import EnergyLedger
 from packmech.dynamics.spans import Spans
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.counting import packing_fraction
@@ -60,6 +61,8 @@ class PressureShear(Run):
         Largest error of the mean pressure over the one asked for, and largest drift (`conditions`) [1].
     approach
         Strain up to which the box only shrank, as nothing bore the pressure yet [1].
+    ledger
+        Where the energy went, if it was asked for.
 
     """
 
@@ -75,6 +78,7 @@ class PressureShear(Run):
     blocks: int = 8
     tolerance: float = 0.1
     approach: float = 0.0
+    ledger: EnergyLedger | None = None
 
     @property
     def inertial_number(self) -> float:
@@ -173,6 +177,7 @@ def shear_at_pressure(
     answer: float = 10.0,
     pressure_tolerance: float = 0.1,
     dt: float | None = None,
+    ledger: bool = False,
     time_limit: float | None = None,
     progress: Progress = None,
     check: bool = True,
@@ -209,6 +214,8 @@ def shear_at_pressure(
         at its pressure (`PressureShear.conditions`) [1].
     dt
         Time step; a tenth of the shortest time of a contact unless given.
+    ledger
+        Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at.
     time_limit
         Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
@@ -249,11 +256,11 @@ def shear_at_pressure(
     positive("rate", rate), positive("pressure", pressure), positive("answer", answer)
     end = positive("applied_strain", applied_strain)
     skip = real("skip_strain", skip_strain, at_least=0.0, below=end)
-    integer("blocks", blocks, at_least=2)
+    integer("blocks", blocks, at_least=2), instance("ledger", ledger, bool)
     tolerance = positive("pressure_tolerance", pressure_tolerance)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
-    shearing = _PressureShearing(scene, rate, pressure, pair, answer, step)
+    shearing = _PressureShearing(scene, rate, pressure, pair, answer, step, ledger)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
 
     def finished(outcome: Outcome) -> PressureShear:
@@ -266,7 +273,14 @@ class _PressureShearing:
     """A box on its way, span by span."""
 
     def __init__(
-        self, scene: Scene, rate: float, pressure: float, axes: tuple[int, int], answer: float, dt: float
+        self,
+        scene: Scene,
+        rate: float,
+        pressure: float,
+        axes: tuple[int, int],
+        answer: float,
+        dt: float,
+        ledger: bool,
     ) -> None:
         self.began = time.process_time()
         self.rate, self.pressure, self.axes = rate, pressure, axes
@@ -277,7 +291,7 @@ class _PressureShearing:
         # rate of dilation over a missing pressure
         self.follow = 1.0 / (answer * tau * stiff * float(packing.diameter_n.mean()) ** (2 - d))
         self.steps_of_span = max(1, int(min(_SPAN * tau, _STRAIN / rate) / dt))
-        self.spans = Spans(scene, dt)
+        self.spans = Spans(scene, dt, ledger=ledger)
         self.volume = packing_fraction(packing) * packing.box.volume
         self.rows: list[tuple[float, ...]] = []
         # the strain at the end, and that at which something bore the pressure
@@ -354,6 +368,7 @@ class _PressureShearing:
             blocks=blocks,
             tolerance=tolerance,
             approach=self.approach,
+            ledger=spans.ledger,
         )
         if outcome is not Outcome.FINISHED:
             end = Condition("shear strain", reached, self.goal, 1e-12)
