@@ -76,7 +76,8 @@ class Spans:
         ledger: bool = False,
     ) -> None:
         self.scene, self.dt, self.steps = scene, dt, 0
-        self._keeps_ledger, self._kept = ledger, None
+        self._keeps_ledger = ledger
+        self._kept: Engine | None = None
         self.velocity_nd = np.zeros_like(scene.packing.position_nd) if velocity_nd is None else velocity_nd
         self.spin_nk = spin_nk
         self._limits: tuple[Condition, ...] = ()

@@ -548,7 +548,8 @@ def deform_at_rate(
         raise ValueError("strain must name a component that is not 0, got none")
     if scene.packing.links:
         raise ValueError(f"scene.packing must have no rigid links, got {len(scene.packing.links)}")
-    positive("rate", rate), positive("answer", answer), instance("ledger", ledger, bool)
+    positive("rate", rate), positive("answer", answer)
+    instance("ledger", ledger, bool)
     tolerance = positive("stress_tolerance", stress_tolerance)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
     moving = _InTime(scene, control, rate, answer, step, ledger)
