@@ -93,10 +93,15 @@ def ask(found: Answer, name: str, call: Callable[..., Any], *given: Any, **setti
 # -- what is stored of results -----------------------------------------------------------------------------------------
 
 
+def has_shapes(one: pm.Packing) -> bool:
+    """Return whether particles are no discs or spheres, in every version: packings of discs once had no shapes."""
+    return hasattr(one.shapes, "orientation_nq")
+
+
 def of_packing(one: pm.Packing) -> Answer:
     """Return where particles are."""
     found = {"position": one.position_nd, "lattice": one.box.lattice_dd, "packing fraction": pm.packing_fraction(one)}
-    if one.shapes.has_orientations:
+    if has_shapes(one):
         found["orientation"] = one.shapes.orientation_nq
     if one.links:
         found["link residual"] = one.link_error
@@ -1172,8 +1177,7 @@ def counts_of(one: pm.Packing, strain: str) -> Answer:
 
 def rattlers_of(one: pm.Packing) -> Answer:
     """Return who rattles, the coordination and the contacts."""
-    shaped = one.shapes.has_orientations
-    contacts = (pm.find_shape_contacts if shaped else pm.find_contacts)(one)
+    contacts = (pm.find_shape_contacts if has_shapes(one) else pm.find_contacts)(one)
     distance = contacts.distance_c
     found: Answer = {
         "rattlers": pm.find_rattlers(one),
