@@ -95,7 +95,7 @@ def ask(found: Answer, name: str, call: Callable[..., Any], *given: Any, **setti
 
 def has_shapes(one: pm.Packing) -> bool:
     """Return whether particles are no discs or spheres, in every version: packings of discs once had no shapes."""
-    return hasattr(one.shapes, "orientation_nq")
+    return np.size(getattr(one.shapes, "orientation_nq", ())) > 0
 
 
 def of_packing(one: pm.Packing) -> Answer:
