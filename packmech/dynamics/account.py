@@ -3,8 +3,8 @@
 
 A force f that kicks velocities from v to v' for a time t does the work t f.(v + v')/2 on them, exactly. So the kinetic
 energy, summed over rows, changes in a kick by the sum of such works over contacts, bonds and single particles but for
-rounding, and between kicks where a box that deforms changes peculiar velocities. What a channel takes up, less what it
-then stores, is the error of the integrator.
+rounding, and between kicks where a box that deforms changes peculiar velocities, or a heat bath any. What a channel
+takes up, less what it then stores, is the error of the integrator.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ DISSIPATING = (
 WORKING = ("box", "held", "pushing", "bath")
 CONTACTS, INTERACTIONS, TANGENTIAL, ROLLING, TWISTING, BONDS, BOND_TANGENTIAL, BODIES, WALLS = range(9)
 DASHPOTS, TANGENTIAL_DASHPOTS, SLIDING, ROLLED, TWISTED, BOND_DASHPOTS, BREAKING, DRAG, WALL_DASHPOTS = range(9, 18)
-STIFFNESS_CHANGES, REMEMBERED = 18, 19
+STIFFNESS_CHANGES, FORMING = 18, 19
 BOX, HELD, PUSHING, BATH = 20, 21, 22, 23
 CHANNELS, STORED = 24, 9
 # columns of the figures: sums over the time so far, energies stored now, kinetic energy of what is free, now and once
@@ -207,6 +207,13 @@ def _compare(visiting, pair, place, value):
         worst_bk[b, place + 1], worst_bk[b, place + 2] = pair.i, pair.j
 
 
+@inlined
+def _compare_left(visiting, pair, late, early):
+    # before the first step there is one kick alone
+    if not visiting.kicks.at_start:
+        _compare(visiting, pair, LEFT, abs(early - late))
+
+
 _NOTHING = (0.0, 0.0, 0.0)
 
 
@@ -292,7 +299,8 @@ def _same_stiffness(kind, visiting, axes, spring, stiffness, pace):
 def _other_stiffness(kind, visiting, axes, spring, stiffness, pace):
     before = _spring_energy(kind, axes, spring)
     follow_stiffness(kind, axes, spring, stiffness, pace)
-    lost = before - _spring_energy(kind, axes, spring)
+    # a stretch that was handed on without a stiffness belongs to the present one
+    lost = before - _spring_energy(kind, axes, spring) if before > 0.0 else 0.0
     _add(visiting, TANGENTIAL, -lost, 0.0)
     _add(visiting, STIFFNESS_CHANGES, lost, 0.0)
     return lost
@@ -421,7 +429,8 @@ def _formed_and_broken(effects, visiting, laws, pair):
     remember(effects, laws, pair)
     lost -= _remembered_energy(effects, laws, pair, r)
     _add(visiting, INTERACTIONS, -lost, 0.0)
-    _add(visiting, REMEMBERED, lost, 0.0)
+    _add(visiting, FORMING, lost, 0.0)
+    _compare(visiting, pair, GAVE, -lost)
 
 
 @inlined
@@ -453,6 +462,7 @@ def _beyond(effects, visiting, laws, pair):
     late, early = _taken(visiting, laws, pair, force, pull.on_i, pull.on_j)
     _add(visiting, INTERACTIONS, late, early)
     _store(visiting, INTERACTIONS, energy)
+    _compare_left(visiting, pair, late, early)
 
 
 @compiled_form(_account_beyond, inline=True)
@@ -497,7 +507,7 @@ def _account_touch(effects, visiting, laws, pair, k, touch):
     _store(visiting, CONTACTS, energy_of(effects, touch))
     lost = _account_across(laws.friction, visiting, laws, pair, k, touch, u, normal)
     _compare(visiting, pair, GAVE, -(damped * (late + early) + lost))
-    _compare(visiting, pair, LEFT, abs(elastic * (early - late)))
+    _compare_left(visiting, pair, elastic * late, elastic * early)
 
 
 class Singly(NamedTuple):
@@ -562,7 +572,7 @@ def _account_bonds(bonds, account, kicks, laws, lattice, block, first):
             _add(visiting, BONDS, normal[0], normal[1])
             late -= normal[0]
             early -= normal[1]
-            _compare(visiting, pair, LEFT, abs(normal[1] - normal[0]))
+            _compare_left(visiting, pair, normal[0], normal[1])
         _store(visiting, BONDS, bond_energy(bonds, b, r))
         # of the force across, which its torques and the levers of its ends go with, the part of the spring
         elastic = _spring_of_bond(axes, k, dx, dy, dz, r, across)
@@ -814,9 +824,9 @@ def _keep(account, system, blocks):
 
 # keeps the springs as they are before forces are taken; nothing without an account
 keep_springs = by_type(_keep, {type(None): lambda account, system, blocks: None})
-_boxes_channel = by_type(lambda flow: BOX, {type(None): lambda flow: -1})
+_channel_of_flow = by_type(lambda flow: BOX, {type(None): lambda flow: -1})
 # the channel of what changes velocities between the kicks, -1 for none: that of the bath, or else of the flow
-_channel_between = by_type(lambda bath, flow: BATH, {type(None): lambda bath, flow: _boxes_channel(flow)})
+_channel_between = by_type(lambda bath, flow: BATH, {type(None): lambda bath, flow: _channel_of_flow(flow)})
 
 
 @inlined

@@ -40,8 +40,8 @@ class Book:
     step_t, row_tk
         The steps at which figures were kept, and these.
     before
-        What was stored when bonds were last about to be taken out.
-    first
+        What was stored when bonds were last about to be taken out, less what channels had taken up.
+    steps_before
         Steps before those of the engine, of a run that was cut into spans.
 
     """
@@ -51,7 +51,7 @@ class Book:
     step_t: list[int] = field(default_factory=list)
     row_tk: list[NDArray[np.float64]] = field(default_factory=list)
     before: NDArray[np.float64] = field(default_factory=lambda: np.zeros(STORED))
-    first: int = 0
+    steps_before: int = 0
 
     def account_for(self, track: Track | None) -> Account:
         """Return the account with room for the springs of these lists."""
@@ -63,9 +63,9 @@ class Book:
 
     def keep(self, steps: int) -> None:
         """Keep the figures of this step, in place of those that were kept of it before."""
-        if self.step_t and self.step_t[-1] == self.first + steps:
+        if self.step_t and self.step_t[-1] == self.steps_before + steps:
             self.step_t.pop(), self.row_tk.pop()
-        self.step_t.append(self.first + steps)
+        self.step_t.append(self.steps_before + steps)
         self.row_tk.append(self.account.number.copy())
 
     def keep_due(self, steps: int) -> None:
@@ -91,24 +91,28 @@ class Book:
 
         """
         steps, time = span
-        self.first, self.step_t, self.row_tk = book.first + steps, book.step_t, book.row_tk
-        for place in (slice(CHANNELS), SHIFT):
-            self.account.number[place] = book.account.number[place]
+        self.steps_before, self.step_t, self.row_tk = book.steps_before + steps, [*book.step_t], [*book.row_tk]
+        # nothing is shifted: what acts on single particles has no potential where boxes deform
+        self.account.number[:CHANNELS] = book.account.number[:CHANNELS]
         for place in range(LEFT, WORST, GAVE):
             energy, *rows, then = book.account.worst[place : place + 4].tolist()
             here = [row_n[order_n[int(row)]] if row < len(order_n) else row for row in rows]
             self.account.worst[place : place + 4] = energy, *here, then - time
 
     def mark(self) -> None:
-        """Keep in mind what is stored before bonds are taken out."""
-        self.before = self.account.number[ENERGY : ENERGY + STORED].copy()
+        """Keep in mind what is stored, and was taken up, before bonds are taken out."""
+        self.before = self._left()
 
     def release(self) -> None:
         """Book what broken bonds took with them, once the forces without them were taken."""
+        gone = self.before - self._left()
+        self.account.number[:STORED] -= gone
+        self.account.number[BREAKING] += gone.sum()
+
+    def _left(self) -> NDArray[np.float64]:
+        """Return what is stored less what channels took up, which taking the forces anew does not change."""
         number = self.account.number
-        gone = self.before - number[ENERGY : ENERGY + STORED]
-        number[:STORED] -= gone
-        number[BREAKING] += gone.sum()
+        return np.asarray(number[ENERGY : ENERGY + STORED] - number[:STORED])
 
     def shift(self, energy: float) -> None:
         """Add to the energy of single particles what was lost as they were moved by lattice vectors."""

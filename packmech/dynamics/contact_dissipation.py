@@ -30,7 +30,7 @@ from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.engine import build_engine
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.integrators import start_of_motion, stiffness_and_damping
-from packmech.effects import Mindlin, friction_of, langevin_of, memory_columns, rough_walls
+from packmech.effects import Mindlin, friction_of
 from packmech.minimize.passes.pair_list import listed_pairs
 from packmech.scene import Scene
 
@@ -96,7 +96,7 @@ def contact_dissipation(
     Parameters
     ----------
     scene
-        The scene, without rigid links; of shapes in space spheres only.
+        The scene, without rigid links and `Mindlin`'s springs; of shapes in space spheres only.
     velocity_nd
         (N, d) velocities [length/time].
     spin_nk
@@ -127,18 +127,11 @@ def contact_dissipation(
     instance("scene", scene, Scene)
     refuse_unknown("scene", scene)
     friction = friction_of(scene.effects)
-    unknown = {
-        "Langevin": langevin_of(scene.effects) is not None,
-        "interactions that remember": memory_columns(scene.effects) > 0,
-        "rough walls": bool(rough_walls(scene.effects)),
-        "Mindlin's springs": friction is not None and isinstance(friction.stiffness, Mindlin),
-    }
-    for name, there in unknown.items():
-        if there:
-            raise ValueError(
-                f"scene.effects must have no {name} where what contacts dissipate is asked for, got such a scene: see "
-                "the ledger of pm.simulate(..., ledger=True)"
-            )
+    if friction is not None and isinstance(friction.stiffness, Mindlin):
+        raise ValueError(
+            f"scene.effects must have no {friction.stiffness!r}, whose springs lose energy as the normal force "
+            "changes: not at one moment, but along pm.simulate(..., ledger=True)"
+        )
     if applied_strain is not None and not isinstance(applied_strain, SteadyStrain | OscillatoryStrain):
         raise TypeError(
             f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {applied_strain!r}"

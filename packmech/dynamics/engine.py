@@ -507,6 +507,15 @@ class Engine:
         none, image = np.zeros(0, dtype=np.int64), np.zeros((0, d), dtype=np.int64)
         return TangentialDisplacements(none, none, image, np.zeros((0, 1 if d == 2 else 3)), **walls)
 
+    def bond_displacements(self) -> NDArray[np.float64] | None:
+        """Return the (B, 1 or 3) displacements of the tangential springs of bonds now; None without."""
+        table = self.space.bonds
+        if table is None or not table.tangential_stiffness > 0.0:
+            return None
+        found: NDArray[np.float64] = np.empty_like(table.stretch_bk)
+        found[table.place_b] = measure_loads(self.system, self.now).stretch_bk
+        return found
+
     @property
     def row_n(self) -> NDArray[np.int64]:
         """Row of each particle."""
@@ -861,6 +870,7 @@ def build_engine(
     second_order: bool = True,
     threads: int = 1,
     ledger_every: int | None = None,
+    bond_stretch_bk: NDArray[np.float64] | None = None,
 ) -> Engine:
     """Return the engine of a scene, ready to advance; velocities are peculiar ones.
 
@@ -882,6 +892,8 @@ def build_engine(
         Number of threads; it changes no bit.
     ledger_every
         Energies are accounted for, and figures kept every so many steps; None: not.
+    bond_stretch_bk
+        (B, 1 or 3) displacements of the tangential springs of bonds; slack unless given.
 
     """
     packing, d = scene.packing, scene.packing.dimension
@@ -934,7 +946,7 @@ def build_engine(
     flow = None
     if direction_dd is not None:
         flow = make_flow(profile, direction_dd, small)
-    table = None if bonds is None else bond_table(bonds, order, wrap, change, None)
+    table = None if bonds is None else bond_table(bonds, order, wrap, change, bond_stretch_bk)
     extent = max(float(np.abs(body[:, :d]).max()), float(np.abs(small.lattice_dd).max()))
     built = Engine(
         scene=scene,

@@ -230,7 +230,7 @@ def _worst(engine: Engine, numbers: NDArray[np.float64]) -> WorstContact | None:
     if not energy > 0.0:
         return None
     assert engine.book is not None
-    time += engine.book.first * engine.dt
+    time += engine.book.steps_before * engine.dt
     other = int(engine.order_n[int(j)]) if int(j) < len(engine.order_n) else None
     return WorstContact(int(engine.order_n[int(i)]), other, time, energy)
 
@@ -240,7 +240,7 @@ def ledger_of(engine: Engine) -> EnergyLedger | None:
     book = engine.book
     if book is None or not book.step_t:
         return None
-    step = book.first + engine.steps
+    step = book.steps_before + engine.steps
     now = book.step_t[-1] == step
     step_t = book.step_t if now else [*book.step_t, step]
     rows = np.array(book.row_tk if now else [*book.row_tk, book.account.number])

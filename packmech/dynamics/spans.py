@@ -61,6 +61,8 @@ class Spans:
         (N, d) velocities relative to the box's flow, (N, 1 or 3) spins or None.
     steps
         Steps taken.
+    ledger
+        Where the energy went, if it is kept.
     stress_dd
         (d, d) stress now, links', kinetic and torques' parts included; tension positive [energy/length^d].
 
@@ -77,12 +79,14 @@ class Spans:
     ) -> None:
         self.scene, self.dt, self.steps = scene, dt, 0
         self._keeps_ledger = ledger
-        self._kept: Engine | None = None
+        # the engine whose book is the last, and where the tangential springs of bonds are
+        self._booked: Engine | None = None
+        self._bond_stretch_bk: NDArray[np.float64] | None = None
         self.velocity_nd = np.zeros_like(scene.packing.position_nd) if velocity_nd is None else velocity_nd
         self.spin_nk = spin_nk
         self._limits: tuple[Condition, ...] = ()
         d = scene.packing.dimension
-        self._look(self._engine(np.zeros((d, d)), 0))
+        self._look(self._engine(np.zeros((d, d)), 1))
 
     def advance(self, rate_dd: NDArray[np.float64], steps: int) -> bool:
         """Take so many steps in which the box deforms at this (d, d) rate; return whether they were short enough.
@@ -102,8 +106,7 @@ class Spans:
             self.scene = before
             return False
         self.steps += steps
-        if engine.book is not None:
-            self._kept = engine
+        self._bond_stretch_bk = engine.bond_displacements()
         self.scene = self.scene.replace(packing=engine.packing())
         self.velocity_nd, self.spin_nk = engine.velocities(), engine.spins()
         self._look(engine)
@@ -112,7 +115,7 @@ class Spans:
     @property
     def ledger(self) -> EnergyLedger | None:
         """Where the energy went in all spans, with figures at their ends; None unless it is kept."""
-        return None if self._kept is None else ledger_of(self._kept)
+        return None if self._booked is None else ledger_of(self._booked)
 
     def limits(self) -> tuple[Condition, ...]:
         """Return the limit that the time step does not keep, if there is one."""
@@ -199,13 +202,16 @@ class Spans:
             spin_nk=self.spin_nk,
             profile=None if still else Ramp(0.0, size, 0.0, math.inf),
             direction_dd=None if still else rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
-            ledger_every=steps if self._keeps_ledger and steps else None,
+            ledger_every=steps if self._keeps_ledger else None,
+            bond_stretch_bk=self._bond_stretch_bk,
         )
-        if engine.book is not None and self._kept is not None:
-            engine.go_on_with_book_of(self._kept)
+        if engine.book is not None and self._booked is not None:
+            engine.go_on_with_book_of(self._booked)
         return engine
 
     def _look(self, engine: Engine) -> None:
         self.row = engine.observe()
+        if engine.book is not None:
+            self._booked = engine
         d, volume = self.scene.packing.dimension, engine.box().volume
         self.stress_dd = tensors(self.row, d, volume)["overall"] + link_stress(self.row, d, volume)

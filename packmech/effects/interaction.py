@@ -156,7 +156,7 @@ def _choose_remembered(effect: Any, distance: Any, contact_distance: Any, memory
 
 
 def remembered_energy(effect: Any, distance: float, contact_distance: float, memory: tuple[float, ...]) -> float:
-    """Return the energy of a pair with the numbers kept of it, at its reach from there on; 0 where none are kept."""
+    """Return the energy of a pair with the numbers kept of it, beyond its reach that at it; 0 where none are kept."""
     if not remembers(effect):
         return 0.0
     at = min(distance, effect.reach(contact_distance))

@@ -215,7 +215,8 @@ def shear_at_pressure(
     dt
         Time step; a tenth of the shortest time of a contact unless given.
     ledger
-        Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at.
+        Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at. Not
+        with thermal noise, nor with shapes other than spheres in space.
     time_limit
         Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress

@@ -202,6 +202,10 @@ def test_a_heat_bath_supplies_what_dashpots_dissipate():
     ledger = closed(pm.simulate(scene, duration=200.0, ledger=True))
     assert ledger.dissipated["normal_dashpots"][-1] > 0.0
     assert ledger.work["bath"][-1] > 0.5 * ledger.dissipated_t[-1]
+    # free particles have nothing but what it gave them
+    apart = pm.Scene(pm.random_packing(16, dimension=2, packing_fraction=0.1, seed=1), (pm.Langevin(1e-4, 0.1),))
+    ledger = closed(pm.simulate(apart, steps=100, dt=0.01, ledger=True))
+    assert ledger.work["bath"] == pytest.approx(ledger.kinetic_t - ledger.kinetic_t[0], rel=1e-12)
 
 
 def test_springs_of_mindlin_lose_energy_as_the_normal_force_changes_and_close():
@@ -243,10 +247,43 @@ def test_runs_in_spans_close_and_do_the_work_of_their_stress():
     ledger = closed(run)
     assert ledger.time_t[-1] == pytest.approx(run.strain_t[-1] / 1e-3, rel=1e-12)
     side = -float(np.trace(pm.stress_tensor(scene))) / 2.0
-    run = pm.deform_at_rate(scene, rate=1e-3, strain={"yy": -0.05}, stress={"xx": -side}, ledger=True, check=False)
+    run = pm.deform_at_rate(
+        scene, rate=1e-3, strain={"yy": -0.05}, stress={"xx": -side}, answer=1.0, ledger=True, check=False
+    )
     ledger = closed(run)
-    assert len(ledger.time_t) >= len(run.strain_tdd)
-    assert ledger.work["box"][-1] > 0.0
+    strain, stress = run.strain_tdd, 0.5 * (run.stress_tdd[1:] + run.stress_tdd[:-1])
+    volume = scene.packing.box.volume * np.exp(np.trace(strain - strain[0], axis1=1, axis2=2))
+    work = np.cumsum(np.einsum("tij,tij->t", stress, np.diff(strain, axis=0)) * 0.5 * (volume[1:] + volume[:-1]))
+    done = ledger.work["box"][-len(work) :] - ledger.work["box"][-len(work) - 1]
+    assert done[-1] == pytest.approx(work[-1], rel=0.02)
+
+
+def test_what_springs_hold_goes_from_span_to_span():
+    """Springs of bonds, whose energy is all there is, and Mindlin's, whose stiffness a packing does not keep."""
+    scene = jammed(SPRING, count=40)
+    bonds = pm.bond_contacts(scene.packing, compression=pm.LinearSpring(), tangential_stiffness=0.3, damping=0.2)
+    held = scene.replace(effects=(SPRING, SMOOTH, bonds))
+    run = pm.deform_at_rate(held, rate=1e-3, strain={"xy": 0.05}, ledger=True, check=False)
+    ledger = closed(run)
+    assert ledger.stored["bond_tangential"][-1] > 0.01 * ledger.work_t[-1]
+    effects = pm.Repulsion(pm.Hertz()), pm.Friction(0.5, pm.Mindlin(0.3), pm.DampingRatio(1.0)), pm.Restitution(0.5)
+    grains = jammed(*effects, fraction=0.95)
+    ledger = closed(pm.deform_at_rate(grains, rate=1e-3, strain={"xy": 0.05}, ledger=True, check=False))
+    assert (np.diff(ledger.dissipated["stiffness_changes"]) >= 0.0).all()
+
+
+def test_a_contact_that_forms_as_a_bond_breaks_is_booked_once():
+    packing = pm.Packing([[2.0] * 3, [2.97, 2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(6.0, 3))
+    bond = pm.Bonds(
+        [0], [1], [[0, 0, 0]], [0.97], compression=pm.LinearSpring(), breaks_at=pm.BondLimits(tension=0.005)
+    )
+    scene = pm.Scene(packing, (pm.JKR(1.0, 1e-3), bond))
+    run = pm.simulate(scene, duration=3.0, dt=1e-3, velocity_nd=[[-0.01, 0, 0], [0.01, 0, 0]], ledger=True)
+    assert len(run.broken_bonds) == 1
+    ledger = closed(run)
+    # the energy of its spring
+    assert ledger.dissipated["breaking"][-1] == pytest.approx(0.005**2 / 2.0, rel=0.05)
+    assert abs(ledger.integrator["interactions"][-1]) < 0.02 * ledger.dissipated["interactions"][-1]
 
 
 # -- order ----------------------------------------------------------------------------------------------------------
@@ -280,8 +317,27 @@ def test_a_ledger_changes_no_bit_of_the_run_and_threads_none_of_the_ledger():
     assert one.ledger.worst_left == both.ledger.worst_left
 
 
-def test_a_run_that_goes_on_from_its_checkpoint_has_the_same_ledger(tmp_path):
-    scene, path = jammed(*GRAINS), tmp_path / "run.npz"
+def wet(count):
+    """Return grains of all that remembers: bridges, Mindlin's springs, rough walls, in a heat bath."""
+    friction = pm.Friction(0.5, pm.Mindlin(0.3))
+    scene = jammed(pm.Repulsion(pm.Hertz()), count=count, fraction=0.95)
+    side = float(scene.packing.box.lattice_dd[0, 0])
+    walls = pm.Walls(0.0, 0.05 * side, 0.95 * side, friction=friction)
+    bridge, bath = pm.CapillaryBridge(1e-4, 0.01), pm.Langevin(1e-5, 0.1)
+    return scene.replace(effects=(*scene.effects, friction, walls, bridge, bath, SMOOTH))
+
+
+def test_threads_change_no_bit_of_the_ledger_of_what_remembers():
+    scene = wet(700)
+    one, both = (pm.simulate(scene, steps=200, dt=0.02, ledger=True, threads=n, check=False) for n in (1, 2))
+    assert one.ledger.residual < 1e-12
+    for name, curve in one.ledger.columns().items():
+        assert np.array_equal(curve, both.ledger.columns()[name]), name
+
+
+@pytest.mark.parametrize("scene", [jammed(*GRAINS), wet(64)], ids=["grains", "wet"])
+def test_a_run_that_goes_on_from_its_checkpoint_has_the_same_ledger(scene, tmp_path):
+    path = tmp_path / "run.npz"
     asked = {"dt": 0.02, "velocity_nd": shaken(scene), "ledger": True, "trace_every": 50}
     whole = pm.simulate(scene, steps=1000, **asked)
     pm.simulate(scene, steps=430, checkpoint=path, **asked)
@@ -313,6 +369,9 @@ def test_a_step_that_is_too_long_for_one_contact_is_seen_and_that_contact_is_nam
 
 def test_what_the_ledger_does_not_know_is_refused_by_name():
     scene = jammed(SPRING, count=16)
+    mindlin = scene.replace(effects=(pm.Repulsion(pm.Hertz()), pm.Friction(0.5, pm.Mindlin(0.3))))
+    with pytest.raises(ValueError, match="must have no Mindlin"):
+        pm.contact_dissipation(mindlin, np.zeros((16, 2)))
     bath = scene.replace(effects=(SPRING, pm.Langevin(1e-6, 0.1)))
     with pytest.raises(ValueError, match="no Langevin where energies are accounted for in a box that deforms"):
         pm.simulate(bath, steps=1, applied_strain=pm.SteadyStrain(0.01), ledger=True)
