@@ -63,9 +63,10 @@ class QuenchReward(NamedTuple):
     stability_weight
         On a result that was verified to be jammed, which ends the episode.
     progress_weight
-        On the decades that the step came nearer to jamming; those it went away count against. What an episode gains by
-        it depends on its start and end alone, as of a potential (Ng, Harada and Russell, 1999). Discount aside it ranks
-        no way to a jammed packing above another. It tells a learner after every step.
+        On the decades by which the step narrowed the bracket of jamming, from the packing fraction last seen without
+        pressure to that last seen with it; those by which it widened count against. What an episode gains by it depends
+        on its start and end alone, as of a potential (Ng, Harada and Russell, 1999), which grows on both sides of
+        jamming. It tells a learner after every step.
     step_weight
         On every step, which counts against. A cost of force evaluations alone can be saved by never compressing.
 
@@ -107,7 +108,7 @@ class QuenchReward(NamedTuple):
         jammed_b
             (B,) whether the packing was verified to be jammed.
         progress_b
-            (B,) distances before the step less those after it.
+            (B,) decades by which the brackets narrowed.
 
         """
         values = (
@@ -335,7 +336,6 @@ class QuenchEpisodes:
         self._steps_b = np.zeros(count, dtype=np.int64)
         self._evaluations_b = np.zeros(count, dtype=np.int64)
         self._terms = dict.fromkeys(TERMS, np.zeros(count))
-        self._distance_b = np.zeros(count)
         # the packing fractions last seen without and with pressure, between which jamming is; NaN: none
         self._below_b, self._above_b = np.full(count, np.nan), np.full(count, np.nan)
 
@@ -404,7 +404,6 @@ class QuenchEpisodes:
         self._below_b[index] = self._above_b[index] = np.nan
         self._close_in(index, pressure)
         self._observe(index, pressure)
-        self._distance_b[index] = self._reward.distance(pressure, self.largest_pressure)[index]
         self._steps_b[index] = 0
         self._evaluations_b[index] = self.batch.force_evaluations_b[index]
         self.truncated_b[index] = False
@@ -432,15 +431,14 @@ class QuenchEpisodes:
         batch = self.batch
         batch.step(*self._asked(action_bk), active_b=active_b)
         index = np.flatnonzero(active_b)
-        pressure = self._pressure()
+        pressure, before = self._pressure(), self._decades_open()
         self._close_in(index, pressure)
         self._observe(index, pressure)
         self._verify(index, pressure)
         reward = self._reward
         distance = np.where(self.terminated_b, 0.0, reward.distance(pressure, self.largest_pressure))
-        progress = self._distance_b - distance
+        progress = before - self._decades_open()
         self._terms = reward.terms(distance, batch.force_evaluations_b, self.terminated_b, progress)
-        self._distance_b[index] = distance[index]
         self.reward_b = np.sum(list(self._terms.values()), axis=0)
         self._steps_b[index] += 1
         self._evaluations_b[index] += batch.force_evaluations_b[index]
@@ -470,6 +468,11 @@ class QuenchEpisodes:
         below, above = self._below_b[index], self._above_b[index]
         self._below_b[index] = np.where(high, np.where(below < fraction, below, np.nan), fraction)
         self._above_b[index] = np.where(high, fraction, np.where(above > fraction, above, np.nan))
+
+    def _decades_open(self) -> NDArray[np.float64]:
+        """Return the logarithms of the widths of the brackets: 0 where there is none, at least the smallest change."""
+        width = self._above_b - self._below_b
+        return np.where(np.isnan(width), 0.0, np.log10(np.fmax(width, self.smallest_change)))
 
     def _verify(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
         """Set which of these packings are jammed: by cheap figures first, then by the verdict."""
@@ -505,8 +508,7 @@ class QuenchEpisodes:
                 modulus[b] = self._shear_modulus(int(b), pressure_b)
             columns.append(modulus)
         if self.task.bracket:
-            width = self._above_b - self._below_b
-            columns.append(np.where(np.isnan(width), 0.0, np.log10(np.fmax(width, self.smallest_change))))
+            columns.append(self._decades_open())
         observation = np.stack(columns, axis=1)
         if self._turned.names:
             turned = np.zeros((len(self), len(self._turned.names)))

@@ -165,7 +165,8 @@ class QuenchEnv(SingleEnv[QuenchEpisodes]):
 
     **Reward**: the sum of its terms, see `QuenchReward`, each in info under its name: "reward_distance" from jamming,
     "reward_evaluations", the force evaluations spent, "reward_stability" of the result; with reward="progress" not the
-    distance but "reward_progress", what the step came nearer, and "reward_steps", the same cost for every step.
+    distance but "reward_progress", the decades by which the step narrowed the bracket of jamming, and "reward_steps",
+    the same cost for every step.
 
     **To learn**, give actions="steps", bracket=True, reward="progress": then the defaults of a learner do. Bisection by
     what is observed, half of the bracket at a time, ends jammed after 11 steps.

@@ -1,5 +1,6 @@
 """Quench-v0: the interface, complete resets, the protocols of scripts, and what it does with whatever it is given."""
 
+import math
 import warnings
 from functools import cache
 
@@ -263,13 +264,23 @@ def test_the_reward_is_the_sum_of_its_named_terms_and_weights_scale_them():
         assert info["reward_distance"] == pytest.approx(-0.5 * decades)
 
 
-def test_progress_adds_up_to_the_decades_between_start_and_end_less_the_steps():
+def test_progress_adds_up_to_the_decades_by_which_the_bracket_narrowed_less_the_steps():
     env = QuenchEnv(discs(), reward=QuenchReward(0.0, 0.0, 0.0, progress_weight=3.0, step_weight=0.5))
     env.reset(seed=1)
-    gained = [env.step(env.action(change))[1] for change in (0.05, 0.05, 0.02, 0.01)]
-    decades = np.log10(env.run.report["pressure"] / env.largest_pressure)
-    assert decades > 0.0
-    assert sum(gained) == pytest.approx(3.0 * (4.0 - decades) - 4 * 0.5)
+    gained, below, above, pressed = [], env.run.report["packing_fraction"], math.nan, False
+    for size in (0.05, 0.05, 0.05, 0.03, 0.02, 0.01, 0.005, 0.04):
+        gained.append(env.step(env.action(-size if pressed else size))[1])
+        fraction = env.run.report["packing_fraction"]
+        pressed = env.run.report["pressure"] > 0.01 * env.largest_pressure
+        if pressed:
+            above = fraction
+            assert above > below
+        else:
+            below = fraction
+            above = above if above > below else math.nan
+    # no bracket counts as one of width 1
+    assert 0.0 < above - below < 0.1
+    assert sum(gained) == pytest.approx(-3.0 * np.log10(above - below) - 8 * 0.5)
 
 
 def test_a_step_changes_the_packing_fraction_by_the_largest_change_halved_so_often():
