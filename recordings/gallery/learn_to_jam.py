@@ -6,7 +6,7 @@ what the relaxation gave. Takes minutes, and needs the extra "learning".
 
 Prints, with a margin for other seeds, of which five others were run:
     jammed of 100 new starts = 100 +- 30
-    steps in the last tenth of the training = 8.1 +- 4
+    steps in the last tenth of the training = 7.8 +- 4
 
 Time: 358 s, as a processor counts, with compiled code on disk. Larger: a scene of more particles (option `scene`).
 """
