@@ -197,6 +197,19 @@ def test_forming_and_breaking_of_an_adhesive_contact_takes_what_thornton_and_nin
     assert ledger.dissipated["interactions"][-1] == pytest.approx(lost, abs=late + 5e-4 * lost)
 
 
+def test_a_bridge_that_forms_and_ruptures_takes_its_energy_at_contact():
+    packing = pm.Packing([[2.0] * 3, [3.01, 2.0, 2.0]], [0.5, 0.5], pm.Box.cubic(6.0, 3))
+    bridge = pm.CapillaryBridge(volume=1e-4, surface_tension=0.01)
+    scene = pm.Scene(packing, (SPRING, bridge))
+    run = pm.simulate(scene, duration=15.0, dt=5e-4, velocity_nd=[[0.1, 0, 0], [-0.1, 0, 0]], ledger=True)
+    ledger = closed(run)
+    assert ledger.stored["interactions"][-1] == 0.0
+    # 0 at the rupture; it forms within a step of touching, where it pulls with pi g
+    late = math.pi * 0.01 * 0.2 * 5e-4
+    lost = -bridge.interaction_energy(1.0, 1.0, 1.0, (1.0,))
+    assert ledger.dissipated["interactions"][-1] == pytest.approx(lost, abs=late)
+
+
 def test_a_heat_bath_supplies_what_dashpots_dissipate():
     scene = jammed(SPRING, SMOOTH, pm.Langevin(1e-4, 0.1, seed=1))
     ledger = closed(pm.simulate(scene, duration=200.0, ledger=True))
