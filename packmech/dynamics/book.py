@@ -110,7 +110,10 @@ class Book:
         self.account.number[BREAKING] += gone.sum()
 
     def _left(self) -> NDArray[np.float64]:
-        """Return what is stored less what channels took up, which taking the forces anew does not change."""
+        """Return the stored energies minus the works that were stored, by channel: minus the errors of the integrator.
+
+        Forces that are taken anew leave them as they are.
+        """
         number = self.account.number
         return np.asarray(number[ENERGY : ENERGY + STORED] - number[:STORED])
 

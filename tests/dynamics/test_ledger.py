@@ -179,8 +179,9 @@ def test_a_disc_thrown_on_a_rough_floor_slides_until_it_rolls_and_loses_a_third(
     # it rolls after a time of v / (3 mu g)
     run = pm.simulate(scene, duration=40.0, velocity_nd=[[0.02, 0.0]], spin_nk=[[0.0]], ledger=True)
     ledger = closed(run)
-    assert ledger.kinetic_t[-1] == pytest.approx(2.0 / 3.0 * ledger.kinetic_t[0], rel=1e-3)
-    assert ledger.dissipated["sliding"][-1] == pytest.approx(ledger.kinetic_t[0] / 3.0, rel=3e-3)
+    # what the spring holds at its cap is 4e-5 of it
+    assert ledger.kinetic_t[-1] == pytest.approx(2.0 / 3.0 * ledger.kinetic_t[0], rel=1e-4)
+    assert ledger.dissipated["sliding"][-1] == pytest.approx(ledger.kinetic_t[0] / 3.0, rel=1e-3)
     assert set(ledger.dissipated) <= {"sliding", "tangential_dashpots", "wall_dashpots"}
 
 
@@ -260,15 +261,16 @@ def test_runs_in_spans_close_and_do_the_work_of_their_stress():
     ledger = closed(run)
     assert ledger.time_t[-1] == pytest.approx(run.strain_t[-1] / 1e-3, rel=1e-12)
     side = -float(np.trace(pm.stress_tensor(scene))) / 2.0
-    run = pm.deform_at_rate(
-        scene, rate=1e-3, strain={"yy": -0.05}, stress={"xx": -side}, answer=1.0, ledger=True, check=False
-    )
+    closed(pm.deform_at_rate(scene, rate=1e-3, strain={"yy": -0.02}, stress={"xx": -side}, ledger=True, check=False))
+    # where no stress is held the rate does not change, with which that of dashpots would jump from span to span
+    run = pm.deform_at_rate(scene, rate=1e-3, strain={"yy": -0.05}, answer=1.0, ledger=True, check=False)
     ledger = closed(run)
-    strain, stress = run.strain_tdd, 0.5 * (run.stress_tdd[1:] + run.stress_tdd[:-1])
-    volume = scene.packing.box.volume * np.exp(np.trace(strain - strain[0], axis1=1, axis2=2))
-    work = np.cumsum(np.einsum("tij,tij->t", stress, np.diff(strain, axis=0)) * 0.5 * (volume[1:] + volume[:-1]))
-    done = ledger.work["box"][-len(work) :] - ledger.work["box"][-len(work) - 1]
-    assert done[-1] == pytest.approx(work[-1], rel=0.02)
+    strain = run.strain_tdd
+    volume = scene.packing.box.volume * np.exp(np.trace(strain, axis1=1, axis2=2))
+    pull = run.stress_tdd * volume[:, None, None]
+    work = float(np.einsum("tij,tij->", 0.5 * (pull[1:] + pull[:-1]), np.diff(strain, axis=0)))
+    # 6e-5 with 57 looks at the stress, 1.6e-5 with 1,250
+    assert ledger.work["box"][-1] == pytest.approx(work, rel=2e-4)
 
 
 def test_what_springs_hold_goes_from_span_to_span():
@@ -294,8 +296,8 @@ def test_a_contact_that_forms_as_a_bond_breaks_is_booked_once():
     run = pm.simulate(scene, duration=3.0, dt=1e-3, velocity_nd=[[-0.01, 0, 0], [0.01, 0, 0]], ledger=True)
     assert len(run.broken_bonds) == 1
     ledger = closed(run)
-    # the energy of its spring
-    assert ledger.dissipated["breaking"][-1] == pytest.approx(0.005**2 / 2.0, rel=0.05)
+    # the energy of its spring, which is stretched beyond its limit by what it moves in a step
+    assert ledger.dissipated["breaking"][-1] == pytest.approx(0.005**2 / 2.0, abs=0.005 * 0.02 * 1e-3)
     assert abs(ledger.integrator["interactions"][-1]) < 0.02 * ledger.dissipated["interactions"][-1]
 
 
