@@ -27,6 +27,8 @@ OPTIONS: dict[str, Any] = {
     "nogil": True,
     "no_cfunc_wrapper": True,
 }
+# of what only compiled code calls: to unpack arguments that come from Python has to be compiled as well
+_INNER = {**OPTIONS, "no_cpython_wrapper": True}
 
 event.register("numba:compile", CompileListener())
 
@@ -235,9 +237,6 @@ class _InnerKernel:
         return self._function(*arguments)
 
 
-_INNER = {**OPTIONS, "no_cpython_wrapper": True}
-
-
 def inner_kernel(function: Callable[..., Any]) -> Any:
     """Return a kernel for other kernels to call, its machine code cached on disk; plain Python runs it uncompiled.
 
@@ -267,7 +266,7 @@ def inner_lean(function: Callable[..., Any]) -> Any:
 
 def device(function: F) -> F:
     """Return a helper that kernels may call and that plain Python may call too."""
-    return register_jitable(**OPTIONS)(function)  # type: ignore[no-any-return]
+    return register_jitable(**_INNER)(function)  # type: ignore[no-any-return]
 
 
 def compiled_form(target: Callable[..., Any], *, inline: bool = False) -> Callable[[F], F]:
@@ -275,7 +274,7 @@ def compiled_form(target: Callable[..., Any], *, inline: bool = False) -> Callab
 
     Written into its callers, as `inlined` does, where that is asked for.
     """
-    options = {**OPTIONS, "forceinline": True} if inline else OPTIONS
+    options = {**_INNER, "forceinline": True} if inline else _INNER
 
     def register(chooser: F) -> F:
         overload(target, jit_options=options, strict=False)(chooser)
@@ -289,7 +288,7 @@ def inlined(function: F) -> F:
 
     A call that passes all that a contact needs costs as much as the contact.
     """
-    return register_jitable(**OPTIONS, forceinline=True)(function)  # type: ignore[no-any-return]
+    return register_jitable(**_INNER, forceinline=True)(function)  # type: ignore[no-any-return]
 
 
 @contextlib.contextmanager
