@@ -171,7 +171,7 @@ class QuenchTask:
         Whether it is observed.
     bracket
         Whether the bracket of jamming is observed: between which packing fractions pressure appeared or vanished last.
-        Pressures on the way of a relaxation bracket nothing: only with relax="full".
+        Pressures on the way of a relaxation bracket nothing: only with relax="full", as a reward of progress.
     orientations
         Whether each particle's direction is observed, beside the order tensor of all; for shapes only.
     step_budget, evaluation_budget
@@ -242,6 +242,8 @@ class QuenchTask:
             one_of("reward", self.reward, tuple(REWARDS))
         else:
             raise TypeError(f"reward must be a QuenchReward or a name such as 'progress', got {self.reward!r:.60}")
+        if self.weights.progress_weight != 0.0 and self.relax != "full":
+            raise ValueError(f"reward must have progress_weight=0 unless relax is 'full', got relax={self.relax!r}")
         given = self.start_packing_fraction
         if isinstance(given, tuple | list):
             if len(given) != 2:
@@ -250,6 +252,11 @@ class QuenchTask:
                 raise ValueError(f"start_packing_fraction must be a pair that rises, got {given!r:.60}")
         elif given is not None:
             positive("start_packing_fraction", given)
+
+    @property
+    def weights(self) -> QuenchReward:
+        """The weights of the reward."""
+        return REWARDS[self.reward] if isinstance(self.reward, str) else self.reward
 
 
 def default_scene() -> pm.Scene:
@@ -276,7 +283,7 @@ class QuenchEpisodes:
 
     def __init__(self, count: int, scene: Any, task: QuenchTask, threads: int = 1) -> None:
         self.task = task
-        self._reward = REWARDS[task.reward] if isinstance(task.reward, str) else task.reward
+        self._reward = task.weights
         given = default_scene() if scene is None else scene_of(scene)
         self._scene = quenchable(given, bonds=task.bonds, friction=task.friction)
         packing = self._scene.packing
@@ -338,6 +345,7 @@ class QuenchEpisodes:
         self._terms = dict.fromkeys(TERMS, np.zeros(count))
         # the packing fractions last seen without and with pressure, between which jamming is; NaN: none
         self._below_b, self._above_b = np.full(count, np.nan), np.full(count, np.nan)
+        self._brackets = task.bracket or self._reward.progress_weight != 0.0
 
     def __len__(self) -> int:
         return len(self.reward_b)
@@ -431,13 +439,12 @@ class QuenchEpisodes:
         batch = self.batch
         batch.step(*self._asked(action_bk), active_b=active_b)
         index = np.flatnonzero(active_b)
-        pressure, before = self._pressure(), self._decades_open()
-        self._close_in(index, pressure)
+        pressure = self._pressure()
+        progress = self._close_in(index, pressure)
         self._observe(index, pressure)
         self._verify(index, pressure)
         reward = self._reward
         distance = np.where(self.terminated_b, 0.0, reward.distance(pressure, self.largest_pressure))
-        progress = before - self._decades_open()
         self._terms = reward.terms(distance, batch.force_evaluations_b, self.terminated_b, progress)
         self.reward_b = np.sum(list(self._terms.values()), axis=0)
         self._steps_b[index] += 1
@@ -458,16 +465,21 @@ class QuenchEpisodes:
         pressure = self.batch.pressure_b / self._scene.pressure_unit
         return np.where(np.abs(pressure) > _ROUNDING_PRESSURE, pressure, 0.0)
 
-    def _close_in(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> None:
-        """Update the bracket of these packings, by what is seen of them now.
+    def _close_in(self, index: NDArray[np.int64], pressure_b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Update the bracket of these packings, by what is seen of them now; return the (B,) decades it narrowed by.
 
         A packing may rearrange and jam elsewhere than before. A side that the other one passed is forgotten then.
+        A bracket that is neither observed nor rewarded is not kept.
         """
+        if not self._brackets:
+            return np.zeros(len(self))
+        before = self._decades_open()
         fraction = self.batch.packing_fraction_b[index]
         high = pressed(pressure_b[index], self.largest_pressure)
         below, above = self._below_b[index], self._above_b[index]
         self._below_b[index] = np.where(high, np.where(below < fraction, below, np.nan), fraction)
         self._above_b[index] = np.where(high, fraction, np.where(above > fraction, above, np.nan))
+        return before - self._decades_open()
 
     def _decades_open(self) -> NDArray[np.float64]:
         """Return the logarithms of the widths of the brackets: 0 where there is none, at least the smallest change."""

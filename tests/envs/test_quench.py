@@ -450,6 +450,7 @@ def test_a_step_before_the_first_reset_is_refused():
         ({"verdict": "maybe"}, "verdict must be one of 'collective', 'strict'"),
         ({"actions": "discrete"}, "actions must be one of 'continuous', 'steps'"),
         ({"bracket": 1}, "bracket must be True or False"),
+        ({"relax": 3, "reward": "progress"}, "reward must have progress_weight=0 unless relax is 'full', got relax=3"),
         ({"reward": "nearness"}, "reward must be one of 'distance', 'progress'"),
         ({"shear_modulus": 1}, "shear_modulus must be True or False"),
         ({"step_budget": 0}, "step_budget must be None or an integer at least 1"),
