@@ -147,6 +147,8 @@ from packmech.protocols.deform import Deformation as Deformation
 from packmech.protocols.shearing.quasistatic import quasistatic_shear as quasistatic_shear
 from packmech.protocols.shearing.quasistatic import QuasistaticShear as QuasistaticShear
 from packmech.protocols.shearing.avalanche import Avalanche as Avalanche
+from packmech.protocols.shearing.local_yield import local_yield_stress as local_yield_stress
+from packmech.protocols.shearing.local_yield import LocalYield as LocalYield
 from packmech.protocols.shearing.quasistatic import ContactChange as ContactChange
 from packmech.protocols.shearing.families import shear_families as shear_families
 from packmech.protocols.shearing.families import ShearFamilies as ShearFamilies
@@ -395,7 +397,8 @@ from packmech.jit.compiled import kernel as kernel
 #: isf, f_s, intermediate_scattering, relaxation_time -> self_scattering
 #: minimize, relax, energy_minimization -> quench
 #: viscosity, flow -> steady_shear
-#: yield_stress -> steady_shear, quasistatic_shear
+#: yield_stress -> steady_shear, quasistatic_shear, local_yield_stress
+#: soft_spot, weak_spot, local_yield -> local_yield_stress, soft_spots
 #: aqs -> quasistatic_shear
 #: triaxial, biaxial, direct_shear, servo, barostat -> deform_at_rate, deform
 #: mixed_control, uniaxial_stress -> deform, deform_at_rate

@@ -79,6 +79,9 @@ CALLS = {
     "sweep_pressure": lambda progress: pm.sweep_pressure(jammed(), [2e-3, 4e-3], progress=progress),
     "shear_stabilize": lambda progress: pm.shear_stabilize(jammed(), progress=progress),
     "quasistatic_shear": lambda progress: pm.quasistatic_shear(jammed(), 0.05, progress=progress),
+    "local_yield_stress": lambda progress: pm.local_yield_stress(
+        jammed(128), [[3.0, 3.0], [6.0, 6.0]], radius=1.5, progress=progress
+    ),
     "deform": lambda progress: pm.deform(jammed(), strain={"xy": 0.05}, progress=progress),
     "deform_at_rate": lambda progress: pm.deform_at_rate(damped(), rate=0.1, strain={"xy": 200.0}, progress=progress),
     "cyclic_shear": lambda progress: pm.cyclic_shear(jammed(), 0.02, 2, progress=progress),

@@ -527,9 +527,9 @@ def _cross(arm: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.f
     return np.asarray(arm[..., :1] * force[..., 1:] - arm[..., 1:] * force[..., :1])
 
 
-def rattlers_of(contacts: PairGeometry) -> NDArray[np.bool_]:
-    """Return (N,) which particles the given contacts leave free, those that rattle removed first."""
-    return rattling_bodies(ends_of(contacts), turns_of(contacts.turn_nkt), contacts.dimension)
+def rattlers_of(contacts: PairGeometry, held_n: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Return (N,) which particles the given contacts leave free, those that rattle removed first; none that is held."""
+    return rattling_bodies(ends_of(contacts), turns_of(contacts.turn_nkt), contacts.dimension, held_b=held_n)
 
 
 def turns_of(turn_nkt: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -34,6 +34,7 @@ from packmech.protocols.cement import Cementing
 from packmech.protocols.deform import Deformation
 from packmech.protocols.shearing.avalanche import Avalanche
 from packmech.protocols.shearing.families import ShearFamilies
+from packmech.protocols.shearing.local_yield import LocalYield
 from packmech.protocols.shearing.quasistatic import QuasistaticShear
 from packmech.result import Run, Trace
 from packmech.rheology.amplitude_sweep import AmplitudeSweep
@@ -589,6 +590,23 @@ def _draw_quasistatic(run: QuasistaticShear, ax: Any, *, label: str = "") -> Non
     ax.plot(run.strain_t, run.shear_stress_t, linewidth=1.0, **_curve(ax, label))
     ax.set(xlabel=r"shear strain $\gamma$", ylabel="shear stress [energy_scale/diameter$^d$]")
     _finish(ax, f"quasistatic shear: {len(run.avalanches)} avalanches")
+
+
+@_draws(LocalYield, size=SQUARE)
+def _draw_local_yield(found: LocalYield, ax: Any, *, direction: int | None = None) -> None:
+    """Draw centers of patches, colored by what they bear more: in the weakest direction, or in that of a number."""
+    if direction is None:
+        stress_p, along = found.weakest_p, "in the weakest direction"
+    else:
+        k = integer("direction", direction, at_least=0, at_most=len(found.direction_k) - 1)
+        stress_p, along = found.yield_stress_pk[:, k], f"of a flow along {math.degrees(found.direction_k[k]):.3g}°"
+    packing, fallen = found.packing, np.isfinite(stress_p)
+    _draw_packed(packing, ax, forces=False)
+    inside, _ = packing.box.wrap(found.center_pd)
+    place = drawing.projected(inside)[fallen, :2]
+    shown = ax.scatter(*place.T, c=stress_p[fallen], cmap="viridis_r", edgecolors="black", zorder=8.0)
+    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label="yield stress [energy_scale/diameter$^2$]")
+    ax.set_title(f"growth of the stress to the first fall, {along}")
 
 
 @_draws(Deformation)

@@ -377,10 +377,11 @@ class SoftNetwork:
         loose = np.bincount(cluster_n, count, len(count))[cluster_n] == 0
         unit = float(np.abs(self.second_c).mean()) if len(bonds) and len(self.second_c) else 1.0
         found = assemble(elements, self.turn_nkt, d, basis_edd=basis_kdd)
-        # the best connected particle stays
         free = np.ones_like(self.uphill_nd, dtype=bool)
         free[:, d:] = (self.turn_nkt != 0.0).any(axis=2)
-        free[int(np.argmax(np.where(loose, -1, count))), :d] = False
+        # the best connected particle stays where none is held
+        stays = int(np.argmax(np.where(loose, -1, count))) if self.held_n is None else self.held_n
+        free[stays, :d] = False
         free_f, coupling = free.ravel(), found.column(free.ravel())
         matrix = found.matrix(free_f, np.repeat(np.where(loose, unit, regularization), free.shape[1]))
         if len(bonds):

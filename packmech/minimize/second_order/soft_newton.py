@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.effects import held_particles
 from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, Units
 from packmech.packing import Packing
@@ -330,7 +331,7 @@ def find_bottom(
     for size in _KICKS:
         if not state.negative or not replace(state, negative=0).sound(tolerance):
             break
-        off = descend(_kicked(state.packing, size), units, basis_kdd, pressure, watch=watch)
+        off = descend(_kicked(state.packing, size, units), units, basis_kdd, pressure, watch=watch)
         state = replace(
             off, iterations=state.iterations + off.iterations, evaluations=state.evaluations + off.evaluations
         )
@@ -341,14 +342,18 @@ def find_bottom(
     return replace(smoothed, iterations=iterations, evaluations=evaluations)
 
 
-def _kicked(packing: Packing, size: float) -> Packing:
+def _kicked(packing: Packing, size: float, units: Units) -> Packing:
     """Return the packing after displacements and turns of a size [reduced length], each along a direction of its own.
 
-    Their mean is taken off: particles that all move alike leave no saddle.
+    Their mean is taken off: particles that all move alike leave no saddle. What is held stays.
     """
     d, turns = packing.dimension, packing.turn_nkt.shape[1]
     kick = size * np.random.default_rng(packing.particles).standard_normal((packing.particles, d + turns))
-    kick[:, :d] -= kick[:, :d].mean(axis=0)
+    held_n = held_particles(units.effects, packing.particles)
+    if held_n is None:
+        kick[:, :d] -= kick[:, :d].mean(axis=0)
+    else:
+        kick[held_n] = 0.0
     return packing.moved(kick)
 
 

@@ -230,6 +230,7 @@ def quasistatic_shear(
     pressure: float | None = None,
     locate: str = "first",
     smallest_drop: float | None = None,
+    avalanche_limit: int | None = None,
     force_tolerance: float = 1e-9,
     time_limit: float | None = None,
     progress: Progress = None,
@@ -263,6 +264,8 @@ def quasistatic_shear(
         Energy drop down to which avalanches are to be found, whatever the step [energy_scale]: a step is halved where
         more than half of that is missing of the work that was done, by cubics through stress and modulus. None: a step
         may pass over falls that move particles no farther than linear response moves them.
+    avalanche_limit
+        Stop after so many plastic avalanches; None: at the end of the strain.
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
     time_limit
@@ -303,13 +306,28 @@ def quasistatic_shear(
     size = positive("step", step)
     one_of("locate", locate, ("first", "all", "none"))
     smallest = None if smallest_drop is None else positive("smallest_drop", smallest_drop)
+    most = math.inf if avalanche_limit is None else integer("avalanche_limit", avalanche_limit, at_least=1)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
-    steps = max(1, math.ceil(abs(end) / size - 1e-9))
-    goals = np.linspace(0.0, end, steps + 1)[1:]
     shear = _Shear(_protocol(scene, asked, tolerance, settings), pair, asked, locate)
-    if smallest is not None:
-        shear.largest_loss = 0.5 * smallest * scene.energy_scale
-    return shear.run(goals)
+    return shear.until(end, size, smallest, most)
+
+
+def shear_held(
+    scene: Scene,
+    applied_strain: float,
+    *,
+    step: float,
+    smallest_drop: float | None,
+    avalanche_limit: int,
+    force_tolerance: float,
+    settings: RunSettings,
+) -> QuasistaticShear:
+    """Return the run of discs of which some are held, sheared by these, which are taken along and stay there.
+
+    Arguments are those of `quasistatic_shear`, checked.
+    """
+    shear = _Shear(_protocol(scene, None, force_tolerance, settings), (0, 1), None, "none")
+    return shear.until(applied_strain, step, smallest_drop, avalanche_limit)
 
 
 @honors("repulsion links shapes", at_rest=True)
@@ -482,7 +500,7 @@ class _Shear:
         self.avalanches: list[Avalanche] = []
         self.networks: dict[frozenset[tuple[int, ...]], int] = {}
         self.work = self.growth = 0.0
-        self.largest_loss = math.inf
+        self.largest_loss = self.most_avalanches = math.inf
         # whether contacts have changed, located or not
         self.changed = False
         # the strains to go through, and how many of them are done
@@ -491,6 +509,14 @@ class _Shear:
         self.lately: set[Pairs] = set()
         self.since = self.shortest = 0.0
         self.path: StrainPath | None = None
+
+    def until(self, end: float, step: float, smallest: float | None, most: float) -> QuasistaticShear:
+        """Return the run in steps to a strain or to so many plastic avalanches, of which small ones are looked for."""
+        self.most_avalanches = most
+        if smallest is not None:
+            self.largest_loss = 0.5 * smallest * self.protocol.scene.energy_scale
+        steps = max(1, math.ceil(abs(end) / step - 1e-9))
+        return self.run(np.linspace(0.0, end, steps + 1)[1:])
 
     def run(self, goals: NDArray[np.float64]) -> QuasistaticShear:
         """Return the run through all strains."""
@@ -518,6 +544,8 @@ class _Shear:
                 ended = self._towards(path, goal)
                 if ended is not None:
                     return ended
+                if sum(one.plastic for one in self.avalanches) >= self.most_avalanches:
+                    return Outcome.FINISHED
             self.protocol.loop.report(
                 "shear", strain=goal, shear_stress=self.rows[-1][1], avalanches=len(self.avalanches)
             )

@@ -477,6 +477,6 @@ def bearing_pairs(packing: Packing, network: SoftNetwork) -> tuple[Pairs, NDArra
         bears = push > 1e-7 * push.mean() if len(push) else np.zeros(0, dtype=bool)
         held = near.select(bears).count_n() > 0
     else:
-        held = ~(rattlers_of(near))
+        held = ~rattlers_of(near, network.held_n)
         bears = held[near.i_c] & held[near.j_c]
     return frozenset(pair_names(near.select(bears))), held
