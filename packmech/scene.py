@@ -723,6 +723,12 @@ class Scene:
             number = sum(isinstance(one, kind) for one in self.effects)
             if number > 1:
                 raise ValueError(f"effects must hold one {kind.__name__} at most, got {number}")
+        whole = next((one for one in self.effects if getattr(one, "contains_repulsion", False)), None)
+        if whole is not None and any(isinstance(one, Repulsion) for one in self.effects):
+            raise ValueError(
+                f"effects must hold no Repulsion beside {type(whole).__name__}, which contains one: leave it out with "
+                "scene.without(pm.Repulsion)"
+            )
         refuse_rolling(self.effects, self.packing)
         refuse_walls(self.effects, self.packing)
         self._check_scales()

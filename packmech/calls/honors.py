@@ -183,10 +183,17 @@ class Honors:
                     f"{self.instead(column)}"
                 )
             if column is not None:
+                # of what is in several columns a call that honors all
+                others = [other for other in columns_of(one) if self._refuses(one, other)]
+                way = " or ".join(
+                    call
+                    for call in self.instead(column).split(" or ")
+                    if all(call in self.instead(other).split(" or ") for other in others)
+                )
                 remark = f" ({self.remarks[column]})" if column in self.remarks else ""
                 raise ValueError(
                     f"{name}.effects must hold nothing that pm.{self.call} would ignore, got {kind} at {k}{remark}: "
-                    f"leave it out with scene.without(pm.{kind}), or use {self.instead(column)}"
+                    f"leave it out with scene.without(pm.{kind}), or use {way or self.instead(column)}"
                 )
         packing = getattr(subject, "packing", subject)
         links, shapes = getattr(packing, "links", None), getattr(packing, "shapes", None)

@@ -219,6 +219,7 @@ class JKR(NamedTuple):
     modulus: float = 1.0
     adhesion: float = 0.01
 
+    contains_repulsion = True  # type: ignore[misc]
     memory = 1  # type: ignore[misc]
     force_jumps = True  # type: ignore[misc]
 

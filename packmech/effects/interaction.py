@@ -412,15 +412,23 @@ class Interactions:
         return Elements(self.pairs.i_c, self.pairs.j_c, self.pairs.vector_cd, pull, stiffness)
 
 
+@device
+def _law_of(effect, distance, contact_distance, alignment, memory_ck, c, column):  # type: ignore[no-untyped-def]
+    """Return the law of a pair under one effect with the numbers that it keeps, brought to this distance.
+
+    Their count is its own: kernels that unroll a tuple of effects have one type for each of their names.
+    """
+    numbers = remembered(effect, distance, contact_distance, memory_at(effect, memory_ck, c, column))
+    return remembering_law(effect, distance, contact_distance, alignment, numbers)
+
+
 @kernel
 def _laws(effects, distance_c, contact_distance_c, alignment_c, memory_ck, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
     """Add the laws of the pairs, with the numbers that are kept of them; return nothing."""
     for c in range(distance_c.shape[0]):
-        column = 0
+        column, r, sigma, alignment = 0, distance_c[c], contact_distance_c[c], alignment_c[c]
         for one in literal_unroll(effects):
-            r, sigma = distance_c[c], contact_distance_c[c]
-            numbers = remembered(one, r, sigma, memory_at(one, memory_ck, c, column))
-            law = remembering_law(one, r, sigma, alignment_c[c], numbers)
+            law = _law_of(one, r, sigma, alignment, memory_ck, c, column)
             column += memory_size(one)
             energy_c[c] += law.energy
             first_ck[c, 0] += law.first

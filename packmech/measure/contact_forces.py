@@ -351,9 +351,15 @@ class ContactForces:
 
     @property
     def coordination_number(self) -> float:
-        """Mean number of force-bearing contacts of the particles that do not rattle [1]."""
-        held = int((~self.rattlers_n).sum())
-        return 2.0 * int(self._held_c().sum()) / held if held else 0.0
+        """Mean number of force-bearing contacts of the particles that neither rattle nor are held [1].
+
+        Those of a pile are its grains, not those that its floor is made of.
+        """
+        counted, held = ~self.rattlers_n, held_particles(self.scene.effects, self.scene.packing.particles)
+        if held is not None:
+            counted = counted & ~held
+        count_n = self.contacts.select(self._held_c()).count_n()
+        return float(count_n[counted].mean()) if counted.any() else 0.0
 
     @property
     def sliding_fraction(self) -> float:

@@ -73,6 +73,9 @@ def frames_of(frames: Any, time_t: ArrayLike | None) -> Frames:
             f"got {brief(frames)}"
         )
     apart = np.diff(found.time_t)
+    # a run keeps its end, too, wherever it falls
+    if time_t is None and len(apart) > 1 and apart[-1] < (1.0 - _EVEN) * apart[0]:
+        found, apart = Frames(*(part[:-1] for part in found)), apart[:-1]
     if len(apart) == 0 or not (apart > 0.0).all() or np.ptp(apart) > _EVEN * apart.mean():
         what = "frames" if time_t is None else "time_t"
         raise ValueError(f"{what} must be evenly spaced in time, growing, two at least, got {brief(found.time_t)}")

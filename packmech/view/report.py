@@ -24,6 +24,7 @@ from packmech.effects import (
     acting_friction,
     acts_on_single,
     friction_of,
+    held_particles,
     rolling_of,
     twisting_of,
 )
@@ -375,11 +376,13 @@ def _counts_with_friction(scene: Scene, smooth: Mapping[str, Any]) -> dict[str, 
     counted = {name: value for name, value in smooth.items() if name not in _OF_SMOOTH_CONTACTS}
     if counted["isostatic_contacts"] is not None:
         counted["isostatic_contacts"] = math.ceil(0.5 * int(kept.sum()) * found.isostatic_coordination)
+    held = held_particles(scene.effects, scene.packing.particles)
     numbers, named = found.to_dict(), ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
     return counted | {
         "rattlers": int((~kept).sum()),
         "contacts": len(found.contacts.among(kept)),
         **{name: numbers[name] for name in named},
+        **({} if held is None else {"held": int(held.sum())}),
     }
 
 
@@ -650,7 +653,10 @@ def _contacts_row(numbers: Mapping[str, Any]) -> Row:
 
 def _coordination_row(numbers: Mapping[str, Any]) -> Row:
     which = "contacts that bear a force" if "contacts_at_limit" in numbers else "contacts"
-    note = f"{which} per particle that is no rattler, 2 N_c / N'"
+    counted = "that is no rattler, 2 N_c / N'"
+    if numbers.get("held"):
+        counted = f"that neither rattles nor is one of {numbers['held']} held"
+    note = f"{which} per particle {counted}"
     return ("coordination number", f"{numbers['coordination_number']:.4f}", note)
 
 

@@ -439,3 +439,29 @@ def test_the_jkr_root_is_that_of_newtons_method_from_breaking_to_deep_overlaps()
         # rounding of the overlap moves a root near breaking by that over the slope
         slope = max(4.0 * x**3 - 1.0, math.sqrt(6.0 * 4.0 * least**2 * depth))
         assert abs(jkr_root(overlap) - x) < 1e-14 * x + 4e-16 / slope
+
+
+@pytest.mark.parametrize(
+    "several",
+    [
+        (pm.DMT(W, 0.01), pm.ShortRangeAttraction(0.3, 0.02)),
+        (pm.DMT(W, 0.01), pm.JKR(E, W)),
+        (pm.DMT(W, 0.01), pm.CapillaryBridge(1e-3), pm.JKR(E, W), pm.ShortRangeAttraction(0.3, 0.02)),
+    ],
+    ids=lambda effects: " ".join(type(one).__name__ for one in effects),
+)
+def test_several_kinds_of_cohesion_act_together_as_the_sum_of_each(several):
+    # whatever each of them remembers: nothing, or a number
+    packing = pair(3, 0.99 * SIGMA)
+    whole = pm.Scene(packing, several)
+    each = [pm.Scene(packing, (one,)) for one in several]
+    assert pm.energy(whole) == pytest.approx(sum(map(pm.energy, each)), rel=1e-14)
+    assert pm.forces(whole) == pytest.approx(sum(map(pm.forces, each)), rel=1e-14, abs=1e-16)
+    assert pm.hessian(whole, "none").toarray() == pytest.approx(
+        sum(pm.hessian(one, "none").toarray() for one in each), rel=1e-13, abs=1e-13
+    )
+
+
+def test_a_repulsion_beside_jkr_which_contains_one_is_refused():
+    with pytest.raises(ValueError, match="must hold no Repulsion beside JKR"):
+        pm.Scene(pair(3, 0.99 * SIGMA), (pm.Repulsion(pm.Hertz()), pm.JKR(E, W)))

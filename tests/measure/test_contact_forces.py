@@ -277,6 +277,16 @@ def test_a_column_of_discs_is_held_by_two_contacts_each_and_the_lone_one_rattles
     assert pm.find_rattlers(column().packing).all()
 
 
+def test_the_coordination_of_a_pile_is_that_of_its_grains_and_not_of_its_floor():
+    # a grain on two of a floor of seven: two contacts a grain, however long the floor is
+    place = [*([k, 0.5] for k in range(1, 8)), [3.5, 0.5 + math.sqrt(0.75) - 1e-3]]
+    packing = pm.Packing(place, [0.5] * 8, pm.Box.cubic(9.0, 2))
+    floor = pm.FixedParticles(tuple(range(7)))
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Friction(0.5, 1.0), pm.Gravity(0.0, -1e-3), floor))
+    assert pm.contact_forces(scene).coordination_number == 2.0
+    assert pm.contact_forces(scene.without(pm.FixedParticles)).coordination_number != 2.0
+
+
 def test_a_sphere_between_two_others_is_held_but_can_spin_about_the_chord():
     """A column of spheres between its own images; without friction, or in the plane, nothing spins so."""
     place = [[1.0, 1.0, 0.95 * k + 0.4] for k in range(4)]

@@ -116,3 +116,16 @@ def test_what_is_no_trajectory_is_refused():
         pm.mean_square_displacement(packings, particles=[30])
     with pytest.raises(ValueError, match="wave_number must be"):
         pm.self_scattering(packings, 0.0)
+
+
+def test_the_end_of_a_run_that_falls_between_two_frames_is_left_out():
+    packing = pm.lattice_packing("square", repeats=(3, 3))
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    whole, longer = (
+        pm.simulate(scene, steps=steps, dt=0.01, temperature=1e-3, seed=1, trace_every=20, trace_positions=True)
+        for steps in (100, 110)
+    )
+    assert len(longer.trace.time_t) == len(whole.trace.time_t) + 1
+    one, other = map(pm.mean_square_displacement, (whole, longer))
+    assert one.time_l.tolist() == other.time_l.tolist()
+    assert one.msd_l.tolist() == other.msd_l.tolist()

@@ -220,7 +220,7 @@ class QuasistaticShear(Run):
         return csv_text(_COLUMNS, zip(*(getattr(self, f"{name}_t").tolist() for name in _COLUMNS), strict=True))
 
 
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion links shapes", at_rest=True, rough="pm.deform_at_rate or pm.ramp_strain")
 def quasistatic_shear(
     scene: Scene,
     applied_strain: float = 0.1,
