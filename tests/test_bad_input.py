@@ -991,7 +991,12 @@ def good(name, folder):
         "cyclic_shear": {"scene": pressed(), "amplitude": 1e-3},
         "tap": {"scene": pressed(), "amplitude": 1e-3, "seed": 1, "pressure": 1e-3},
         "quasistatic_shear": {"scene": pressed(), "applied_strain": 1e-3},
-        "local_yield_stress": {"scene": pressed(), "centers": [[1.0, 1.0]], "radius": 1.0},
+        "local_yield_stress": {
+            "scene": scene().replace(packing=pm.lattice_packing("triangular", repeats=(8, 8), relative_overlap=1e-3)),
+            "centers": [[1.0, 1.0]],
+            "radius": 1.0,
+            "largest_strain": 1e-3,
+        },
         "shear_families": {"packing": hard_packing(), "applied_strain": 1e-3},
         "bootstrap": {"value_r": [1.0, 2.0], "draws": 10},
         "histogram": {"value_r": [1.0, 2.0]},

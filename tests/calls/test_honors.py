@@ -150,9 +150,6 @@ RESTING = {
     "sweep_pressure": lambda scene: pm.sweep_pressure(scene, [1e-3])[0].packing.position_nd,
     "sweep_stress": lambda scene: pm.sweep_stress(scene, [-1e-3 * np.eye(2)])[0].packing.position_nd,
     "quasistatic_shear": lambda scene: pm.quasistatic_shear(scene, 1e-4, step=1e-4, locate="none").packing.position_nd,
-    "local_yield_stress": lambda scene: (
-        pm.local_yield_stress(scene, [[3.0, 3.0]], radius=1.2, step=1e-2).start_stress_pk
-    ),
     "deform": lambda scene: pm.deform(scene, strain={"xx": -1e-4}, steps=1).packing.position_nd,
     "shear_stabilize": lambda scene: pm.shear_stabilize(scene).packing.position_nd,
     "hessian": lambda scene: pm.hessian(scene).toarray(),
@@ -185,6 +182,7 @@ ELSEWHERE = {
     "QuenchBatch": "the bits of the packing alone: tests/minimize/test_quench_batch.py",
     "complex_modulus": "the moduli of oscillatory_shear: tests/mechanics/test_complex_modulus.py",
     "cement": "jam and moduli: tests/protocols/test_cement.py",
+    "local_yield_stress": "a minimization by other means: tests/protocols/test_local_yield.py",
     "play_motion": "geometry alone: tests/jamming/test_play.py",
 }
 
