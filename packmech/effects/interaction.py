@@ -413,7 +413,9 @@ class Interactions:
 
 
 @device
-def _law_of(effect, distance, contact_distance, alignment, memory_ck, c, column):  # type: ignore[no-untyped-def]
+def _law_of(
+    effect: Any, distance: float, contact_distance: float, alignment: float, memory_ck: Any, c: int, column: int
+) -> PairLaw:
     """Return the law of a pair under one effect with the numbers that it keeps, brought to this distance.
 
     Their count is its own: kernels that unroll a tuple of effects have one type for each of their names.
