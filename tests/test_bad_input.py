@@ -1028,7 +1028,8 @@ def call(name, arguments):
     if is_effect(made):
         # twisting is for spheres
         space = isinstance(made, pm.TwistingResistance)
-        pm.Scene(pm.lattice_packing("fcc") if space else touching(), (pm.Repulsion(), made))
+        beside = () if isinstance(made, pm.JKR) else (pm.Repulsion(),)
+        pm.Scene(pm.lattice_packing("fcc") if space else touching(), (*beside, made))
     if isinstance(made, pm.Mindlin):
         pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, made)))
     if isinstance(made, pm.DampingRatio):
