@@ -226,12 +226,12 @@ def local_yield_stress(
     Examples
     --------
     >>> import packmech as pm
-    >>> start = pm.random_packing(128, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.86, seed=1)
+    >>> start = pm.random_packing(128, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.86, seed=3)
     >>> scene = pm.Scene(start, (pm.Repulsion(),))
     >>> scene = scene.replace(packing=pm.jam(scene, pressure=3e-3).packing)
-    >>> found = pm.local_yield_stress(scene, [[3.0, 3.0]], radius=1.5)
-    >>> found.yield_stress_pk.shape, bool(found.yield_stress_pk[0, 0] > 0.0)
-    ((1, 1), True)
+    >>> found = pm.local_yield_stress(scene, [[3.0, 6.0]], radius=2.5)
+    >>> found.yield_strain_pk.round(3).tolist(), bool(found.yield_stress_pk[0, 0] > 0.0)
+    ([[0.069]], True)
 
     """
     instance("scene", scene, Scene)
