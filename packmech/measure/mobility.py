@@ -40,6 +40,8 @@ def _of_arrays(time_t: Any, position_tnd: Any, lattice_tdd: Any) -> Frames:
 def frames_of(frames: Any, time_t: ArrayLike | None) -> Frames:
     """Return the frames of a run that kept positions, or of packings that follow each other.
 
+    The end of a run that falls between two frames is left out.
+
     Raises
     ------
     TypeError, ValueError

@@ -84,8 +84,9 @@ def test_a_patch_falls_where_a_minimization_by_other_means_loses_energy():
     energy = minimal_energies(*patch, [*near, *(strain + np.array([-3e-5, -2e-5, -1e-5, 1e-5]))])[-4:]
     # up to the fall the energy grows steadily, and behind it what is missing is what the fall freed
     grown = np.diff(energy)
-    assert grown[1] == pytest.approx(grown[0], rel=1e-2)
-    assert 2.0 * grown[1] - grown[2] == pytest.approx(drop, rel=1e-2)
+    assert grown[1] == pytest.approx(grown[0], rel=1e-3)
+    # the stress falls by a tenth with it: from .152 to .137 over at most 2e-5 of strain, of a drop of 2e-4
+    assert 2.0 * grown[1] - grown[2] == pytest.approx(drop, rel=2e-3)
 
 
 def test_the_stress_of_a_patch_is_half_of_each_virial_to_either_particle():

@@ -257,9 +257,7 @@ def local_yield_stress(
 def _check_room(packing: Packing, radius: float) -> None:
     """Refuse patches that meet their own images."""
     small, _ = packing.box.reduced()
-    # distances of opposite sides of the cell
-    width = float((1.0 / np.linalg.norm(small.inverse_dd, axis=1)).min())
-    most = 0.5 * width - _RING * float(packing.diameter_n.max())
+    most = 0.5 * float(small.height_d.min()) - _RING * float(packing.diameter_n.max())
     if radius > most:
         raise ValueError(
             f"radius must be at most {most:.4g}, so that a patch and {_RING:g} diameters around it fit into the box, "
