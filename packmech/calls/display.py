@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import importlib
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -23,6 +24,20 @@ Row = tuple[str, str, str]
 
 # small pictures of what can be seen; drawn in a room above, found by its name when a notebook asks
 _PICTURE = "packmech.plotting.plot:picture_of"
+
+
+def value_with_error(value: float, error: float, sign: str = "+-") -> str:
+    """Return a value to the digit of its error, and the error; the value alone where no error is known."""
+    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+        return f"{value:.6g}" if math.isnan(error) else f"{value:.6g} {sign} {error:.1g}"
+    size = 10.0 ** math.floor(math.log10(error))
+    # an error of .96 is written as 1
+    size *= 10.0 if round(error / size) == 10 else 1.0
+    if not 1e-5 < max(abs(value), error) < 1e6:
+        digits = max(0, math.floor(math.log10(max(abs(value), error) / size) + 1e-9))
+        return f"{value:.{digits}e} {sign} {error:.1g}"
+    decimals = max(0, -math.floor(math.log10(size) + 0.5))
+    return f"{value:.{decimals}f} {sign} {error:.{decimals}f}"
 
 
 def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:

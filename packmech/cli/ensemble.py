@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
+from packmech.calls.display import value_with_error
 from packmech.cli import FAILED, OK
 from packmech.cli.output import WHOLE, Load, Switch, show, table, working
 from packmech.ensemble.drawing import draw_ensemble
@@ -385,17 +386,12 @@ def _table(found: Ensemble, path: Path, of: list[str] | None) -> int:
         varied = varied_parameters(found)
         rows = []
         for g in range(len(means[0])):
-            cells = [_with_error(one.value_g[g], one.error_g[g]) for one in means]
+            cells = [value_with_error(one.value_g[g], one.error_g[g]) for one in means]
             rows.append((*(str(means[0].by[name][g]) for name in varied), str(means[0].count_g[g]), *cells))
         head = (*varied, "members", *(name.replace("_", " ") for name in names))
         show(table("means with bootstrap errors", head, rows))
     show(f"wrote {path}: {len(found)} rows")
     return OK
-
-
-def _with_error(value: float, error: float) -> str:
-    """Return a value and its error; one member has none."""
-    return f"{value:.6g}" if math.isnan(error) else f"{value:.6g} +- {error:.1g}"
 
 
 def _plot(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import value_with_error
 from packmech.check import brief, call_fault, did_you_mean, finite_array, instance, integer, one_of
 from packmech.dynamics.ledger import EnergyLedger
 from packmech.effects import held_particles
@@ -55,7 +56,6 @@ _FADED = 0.65
 # part of the box by which places may differ that are the same [1]
 _SAME = 1e-6
 _POINTS = {"marker": "o", "markersize": 3.5, "linewidth": 1.2}
-_UNIT = "[energy/length$^d$]"
 
 
 def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
@@ -161,6 +161,11 @@ def _curve(ax: Any, label: str) -> dict[str, Any]:
     """Return color and label of the next curve on these axes: those with a label differ, the others are blue."""
     drawn = len(ax.get_legend_handles_labels()[1]) if label else 0
     return {"color": COLORS[drawn % len(COLORS)], "label": label or None}
+
+
+def _unit(dimension: int | None, of: str = "energy") -> str:
+    """Return the unit of an energy or mass over an area or a volume, in brackets; None: d is not known."""
+    return f"[{of}/length$^{'d' if dimension is None else dimension}$]"
 
 
 def _finish(ax: Any, title: str = "") -> None:
@@ -436,9 +441,9 @@ def _draw_matrix(moduli: Moduli, ax: Any, *, tangent: str = "cauchy") -> None:
     ax.set(xticks=range(len(names)), yticks=range(len(names)), xticklabels=names, yticklabels=names)
     ax.set(xlabel="strain", ylabel="stress")
     ax.grid(visible=False)
-    mappable = parts.ScalarMappable(parts.Normalize(-largest, largest), "RdBu_r")
-    ax.figure.colorbar(mappable, ax=ax, shrink=0.75, label=f"modulus ({tangent}) {_UNIT}")
-    ax.set_title(f"$B$ = {moduli.bulk_modulus:.4g}, $G$ = {moduli.shear_modulus:.4g} {_UNIT}")
+    mappable, unit = parts.ScalarMappable(parts.Normalize(-largest, largest), "RdBu_r"), _unit(moduli.dimension)
+    ax.figure.colorbar(mappable, ax=ax, shrink=0.75, label=f"modulus ({tangent}) {unit}")
+    ax.set_title(f"$B$ = {moduli.bulk_modulus:.4g}, $G$ = {moduli.shear_modulus:.4g} {unit}")
 
 
 @_draws(PlayedMotion)
@@ -542,8 +547,8 @@ def _draw_local_strain(found: LocalStrain, ax: Any, *, packing: Any = None) -> N
     _draw_packed(_packing_of("local strain", packing), ax, forces=False, color=color, label=r"$\log_{10}$ D2min")
 
 
-# what may be drawn of coarse fields, and its unit
-_FIELDS = {"pressure": _UNIT, "density": "[mass/length$^d$]"}
+# what may be drawn of coarse fields, and of what it is the density
+_FIELDS = {"pressure": "energy", "density": "mass"}
 
 
 @_draws(CoarseFields, size=SQUARE)
@@ -558,7 +563,7 @@ def _draw_fields(found: CoarseFields, ax: Any, *, of: str = "pressure") -> None:
     i, j = np.meshgrid(*(np.arange(n + 1) for n in found.shape), indexing="ij")
     x, y = (i * place[1, 0, a] + j * place[0, 1, a] for a in (0, 1))
     shown = ax.pcolormesh(x, y, np.pad(value, (0, 1), mode="wrap"), shading="gouraud")
-    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label=f"{of} {_FIELDS[of]}")
+    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label=f"{of} {_unit(2, _FIELDS[of])}")
     ax.set(aspect="equal", title=f"averaged with a width of {found.width:.3g}")
     ax.set_axis_off()
 
@@ -568,7 +573,7 @@ def _draw_forces(found: ForceDistribution, ax: Any, *, log: bool = True, label: 
     """Draw the density of forces over their mean."""
     some = found.density_b > 0.0
     ax.plot(found.middle_b[some], found.density_b[some], **_POINTS, **_curve(ax, label))
-    ax.set(xlabel="contact force / mean contact force", ylabel="density")
+    ax.set(xlabel="contact force / mean contact force", ylabel="probability density")
     _finish(ax)
     if log:
         ax.set_yscale("log")
@@ -588,7 +593,7 @@ def _draw_contacts(found: ContactStatistics, ax: Any) -> None:
 def _draw_quasistatic(run: QuasistaticShear, ax: Any, *, label: str = "") -> None:
     """Draw stress against strain."""
     ax.plot(run.strain_t, run.shear_stress_t, linewidth=1.0, **_curve(ax, label))
-    ax.set(xlabel=r"shear strain $\gamma$", ylabel="shear stress [energy_scale/diameter$^d$]")
+    ax.set(xlabel=r"shear strain $\gamma$", ylabel=f"shear stress {_unit(run.packing.dimension)}")
     _finish(ax, f"quasistatic shear: {len(run.avalanches)} avalanches")
 
 
@@ -605,7 +610,7 @@ def _draw_local_yield(found: LocalYield, ax: Any, *, direction: int | None = Non
     inside, _ = packing.box.wrap(found.center_pd)
     place = drawing.projected(inside)[fallen, :2]
     shown = ax.scatter(*place.T, c=stress_p[fallen], cmap="viridis_r", edgecolors="black", zorder=8.0)
-    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label="yield stress [energy_scale/diameter$^2$]")
+    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label=f"yield stress {_unit(2)}")
     ax.set_title(f"growth of the stress to the first fall, {along}")
 
 
@@ -618,7 +623,7 @@ def _draw_deformation(run: Deformation, ax: Any, *, component: str | None = None
     drawn = names[place] if component is None else one_of("component", component, tuple(places))
     strain_t = run.strain_tdd[:, *place] if given.any() else np.arange(len(run.strain_tdd))
     ax.plot(strain_t, run.stress_tdd[:, *places[drawn]], linewidth=1.0, **_curve(ax, label))
-    ax.set(xlabel=f"strain {names[place]}" if given.any() else "row", ylabel=f"stress {drawn} {_UNIT}")
+    ax.set(xlabel=f"strain {names[place]}" if given.any() else "row", ylabel=f"stress {drawn} {_unit(len(given))}")
     _finish(ax, "deformation, tension positive")
 
 
@@ -639,7 +644,7 @@ def _draw_families(run: ShearFamilies, ax: Any) -> None:
 def _draw_strained(run: StrainRun, ax: Any, *, label: str = "") -> None:
     """Draw stress against strain."""
     ax.plot(run.strain_t, run.shear_stress_t, linewidth=1.0, **_curve(ax, label))
-    ax.set(xlabel=r"strain $\gamma$", ylabel=f"shear stress {_UNIT}")
+    ax.set(xlabel=r"strain $\gamma$", ylabel=f"shear stress {_unit(run.packing.dimension)}")
     ax.locator_params(axis="x", nbins=5)
     _finish(ax)
 
@@ -649,7 +654,7 @@ def _draw_loop(run: OscillatoryShear, ax: Any, *, label: str = "") -> None:
     """Draw the loop of stress against strain, and say the moduli."""
     _draw_strained(run, ax, label=label)
     if run.moduli is not None:
-        _finish(ax, f"$G'$ = {run.moduli.storage:.4g}, $G''$ = {run.moduli.loss:.4g} {_UNIT}")
+        _finish(ax, f"$G'$ = {run.moduli.storage:.4g}, $G''$ = {run.moduli.loss:.4g} {_unit(run.packing.dimension)}")
 
 
 @_draws(Creep)
@@ -657,7 +662,7 @@ def _draw_creep(run: Creep, ax: Any, *, log: bool = False, label: str = "") -> N
     """Draw strain against time."""
     ax.plot(run.time_t, run.strain_t, linewidth=1.2, **_curve(ax, label))
     ax.set(xlabel="time [time]", ylabel=r"strain $\gamma$")
-    _finish(ax, f"creep at stress {run.applied_stress:g} {_UNIT}")
+    _finish(ax, f"creep at stress {run.applied_stress:g} {_unit(run.packing.dimension)}")
     _scale(ax, log)
 
 
@@ -668,7 +673,7 @@ def _draw_at_pressure(run: PressureShear, ax: Any, *, label: str = "") -> None:
     ratio, error = run.stress_ratio[:2]
     ax.axhline(ratio, color=COLORS[1], linewidth=1.0)
     ax.set(xlabel=r"shear strain $\gamma$", ylabel=r"stress ratio $\mu$")
-    _finish(ax, rf"$\mu$ = {ratio:.4f} $\pm$ {error:.1g} at inertial number {run.inertial_number:.3g}")
+    _finish(ax, rf"$\mu$ = {value_with_error(ratio, error, '±')} at inertial number {run.inertial_number:.3g}")
 
 
 @_draws(FlowCurve)
@@ -676,7 +681,7 @@ def _draw_flow(curve: FlowCurve, ax: Any, *, log: bool = True, label: str = "") 
     """Draw stress against rate."""
     style = {"fmt": "o-", "markersize": 4.0}
     ax.errorbar(curve.rate_r, curve.stress_r, curve.stress_error_r, **style, **_curve(ax, label))
-    ax.set(xlabel=r"shear rate $\dot\gamma$ [1/time]", ylabel=f"shear stress {_UNIT}")
+    ax.set(xlabel=r"shear rate $\dot\gamma$ [1/time]", ylabel=f"shear stress {_unit(curve.runs[0].packing.dimension)}")
     _finish(ax)
     _scale(ax, log)
 
@@ -699,7 +704,8 @@ def _draw_moduli(sweep: AmplitudeSweep | ShearCurve, ax: Any, *, log: bool = Tru
         ax.errorbar(sweep.amplitude_a, seen, error, markersize=4.0, linewidth=1.2, label=words, **style)
         if log:
             _add_negative(ax, sweep.amplitude_a, value, words, style)
-    ax.set(xlabel=r"strain amplitude $\gamma_0$", ylabel=f"modulus {_UNIT}")
+    unit = _unit(sweep.runs[0].packing.dimension if isinstance(sweep, AmplitudeSweep) else None)
+    ax.set(xlabel=r"strain amplitude $\gamma_0$", ylabel=f"modulus {unit}")
     ax.legend(frameon=False)
     _scale(ax, log)
 
@@ -731,7 +737,7 @@ def _draw_spectrum(found: ComplexModulus, ax: Any, *, log: bool = True) -> None:
         ax.plot(found.frequency_f, seen, label=name, markersize=4.0, **style)
         if log:
             _add_negative(ax, found.frequency_f, value, name, style)
-    ax.set(xlabel="frequency [1/time]", ylabel=f"modulus {_UNIT}")
+    ax.set(xlabel="frequency [1/time]", ylabel=f"modulus {_unit(found.stress_fdd.shape[-1])}")
     ax.legend(frameon=False)
     _scale(ax, log)
 
@@ -747,7 +753,7 @@ def _draw_cementing(found: Cementing, ax: Any) -> None:
     for reached, words, line in ((found.first_stiff, "first stiff", ":"), (found.all_stiff, "rigid", "--")):
         if reached is not None:
             ax.axvline(reached / found.bearing, color="#666666", linestyle=line, linewidth=1.0, label=words)
-    ax.set(xlabel="links per particle $n_l/N$", ylabel=f"modulus {_UNIT}", yscale="log")
+    ax.set(xlabel="links per particle $n_l/N$", ylabel=f"modulus {_unit(found.packing.dimension)}", yscale="log")
     ax.margins(x=0.05)
     ax.legend(frameon=False)
 
@@ -783,9 +789,9 @@ def _draw_groups(
     if fit is not None:
         instance("fit", fit, PowerLawFit)
         x = np.geomspace(float(groups.by[axis].min()), float(groups.by[axis].max()), 100)
-        fitted = rf"exponent {fit.exponent:.3f} $\pm$ {fit.exponent_error:.1g}"
+        fitted = f"exponent {value_with_error(fit.exponent, fit.exponent_error, '±')}"
         if fit.limit:
-            fitted = rf"limit {fit.limit:.5g} $\pm$ {fit.limit_error:.1g}, exponent {fit.exponent:.3g}"
+            fitted = f"limit {value_with_error(fit.limit, fit.limit_error, '±')}, exponent {fit.exponent:.3g}"
         color = style["color"] if len(lines) == 1 else "#444444"
         ax.plot(x, fit.limit + fit.prefactor * x**fit.exponent, color=color, linestyle="--", label=fitted)
     drawn, own = ax.get_ylabel(), f"{groups.statistic} of {groups.name.replace('_', ' ')}"
@@ -804,7 +810,7 @@ def _draw_histogram(found: Histogram, ax: Any, *, log: bool = False, label: str 
     ax.stairs(found.density_b, found.edge_b, fill=True, alpha=0.35, **style)
     middle = 0.5 * (found.edge_b[1:] + found.edge_b[:-1])
     ax.errorbar(middle, found.density_b, found.error_b, fmt="none", color=style["color"], linewidth=1.0)
-    ax.set(xlabel=quantity, ylabel="density")
+    ax.set(xlabel=quantity, ylabel="probability density")
     _finish(ax)
     _scale(ax, log, across=False)
 

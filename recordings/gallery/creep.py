@@ -24,6 +24,6 @@ scene = pm.Scene(pm.jam(pm.Scene(start, (law,)), pressure=1e-2).packing, (law, p
 static = pm.elastic_moduli(scene.without(pm.BackgroundDamping)).shear_modulus
 for stress in (1e-5, 1e-3, 4e-3):
     run = pm.creep(scene, stress=stress, duration=1500.0, check=False)
-    ax = pm.plot(run, ax, log=True, label=rf"$\sigma$ = {stress:g}")
+    ax = pm.plot(run, ax, log=True, label=rf"$\sigma$ = {stress:g} energy/length$^2$")
     print(f"strain over stress / G at stress {stress:g} = {run.strain_t[-1] * static / stress:.3f}")
 ax.figure.savefig(f"{out}/creep.png", dpi=120)

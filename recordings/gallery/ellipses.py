@@ -29,7 +29,7 @@ grid = {"aspect": [1.02, 1.05, 1.1, 1.3, 1.8], "seed": range(first, first + 3)}
 found = pm.run_ensemble(jam, grid, f"{out}/members/ellipses", workers=0).of(grid)
 z = pm.group_statistics(found, "z", ["aspect"])
 ax = pm.plot(z)
-ax.set(xlabel="aspect", ylabel="coordination number $z$ without rattlers")
+ax.set(xlabel="aspect ratio", ylabel="coordination number $z$ without rattlers")
 ax.figure.savefig(f"{out}/ellipses.png", dpi=120)
 print(f"z at aspect 1.05 = {z.value_g[1]:.3f}")
 print(f"z at aspect 1.8 = {z.value_g[-1]:.3f}")

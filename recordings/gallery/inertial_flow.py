@@ -34,7 +34,8 @@ grid = {"inertial_number": [0.02, 0.05, 0.1, 0.2], "seed": range(first, first + 
 found = pm.run_ensemble(shear, grid, f"{out}/members/inertial_flow", seeding="seed", workers=0).of(grid)
 mu = pm.group_statistics(found, "stress_ratio", ["inertial_number"])
 ax = pm.plot(mu, label="measured")
-ax.plot(mu.by["inertial_number"], 0.25 + 1.1 * mu.by["inertial_number"], "k:", label=r"$.25 + 1.1\,I$ (da Cruz et al.)")
+given = mu.by["inertial_number"]
+ax.plot(given, 0.25 + 1.1 * given, "k:", label=r"$0.25 + 1.1\,I$ (da Cruz et al.)")
 ax.set(xlabel="inertial number $I$", ylabel=r"stress ratio $\mu$")
 ax.legend(frameon=False, fontsize=9)
 ax.figure.savefig(f"{out}/inertial_flow.png", dpi=120)

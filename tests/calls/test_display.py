@@ -2,13 +2,14 @@
 
 import dataclasses
 import inspect
+import math
 import re
 
 import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.calls.display import LETTERS, LINES, in_words, shown
+from packmech.calls.display import LETTERS, LINES, in_words, shown, value_with_error
 
 LONGEST = 1500
 
@@ -128,3 +129,21 @@ def test_units_stand_beside_the_values_that_have_one():
 )
 def test_a_value_is_one_short_line(value, words):
     assert in_words(value) == words
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "words"),
+    [
+        (0.84543, 0.0007, "0.8454 +- 0.0007"),
+        (0.84543, 0.00096, "0.845 +- 0.001"),
+        (-0.704, 0.02, "-0.70 +- 0.02"),
+        (12345.6, 30.0, "12346 +- 30"),
+        (3e-9, 2e-10, "3.0e-09 +- 2e-10"),
+        (5e7, 3e5, "5.00e+07 +- 3e+05"),
+        (2.0, 1e9, "2e+00 +- 1e+09"),
+        (0.5, math.nan, "0.5"),
+        (0.5, 0.0, "0.5 +- 0"),
+    ],
+)
+def test_a_value_is_written_to_the_digit_of_its_error(value, error, words):
+    assert value_with_error(value, error) == words
