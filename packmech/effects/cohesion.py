@@ -176,15 +176,21 @@ def jkr_root(overlap: float) -> float:
     return _BREAKS + u
 
 
+# part by which the cube of a remembered square may be off [1]
+_SAME_CONTACT = 1e-12
+
+
 @device
-def jkr_contact(
-    modulus: float, adhesion: float, distance: float, contact_distance: float
-) -> tuple[float, float, float]:
-    """Return x of a contact, its effective radius, and the square of the length that contact radii are x^2 of."""
-    radius = 0.25 * contact_distance
-    length = np.cbrt(2.0 * math.pi * adhesion * radius * radius / modulus)
-    square = length * length
-    return jkr_root((contact_distance - distance) * radius / square), radius, square
+def jkr_square(modulus: float, adhesion: float, contact_distance: float, before: float) -> float:
+    """Return the square of the length that contact radii are x^2 of; the number before, where it is that one.
+
+    A root of the third power takes as long as all else of a contact.
+    """
+    cube = 2.0 * math.pi * adhesion * 0.0625 * contact_distance * contact_distance / modulus
+    cube *= cube
+    if abs(before * before * before - cube) <= _SAME_CONTACT * cube:
+        return before
+    return np.cbrt(cube)
 
 
 @effect
@@ -196,7 +202,8 @@ class JKR(NamedTuple):
         overlap = a^2/R - sqrt(2 pi w a/E),     F = 4 E a^3/(3 R) - sqrt(8 pi w E a^3),
 
     with the stable a, the larger one. Particles that touch are bound, and stay so up to a negative overlap of
-    (3/4) (pi^2 w^2 R/E^2)^(1/3), where the bond breaks; whether a pair is bound is remembered (one number, 1 or 0).
+    (3/4) (pi^2 w^2 R/E^2)^(1/3), where the bond breaks; whether a pair is bound is remembered (one number: 0 of a pair
+    that is not, else (2 pi w R^2/E)^(2/3), which is found as the bond forms).
     A bond is strongest before, at F = -(3/2) pi w R. As it forms the force jumps; what making and breaking of a bond
     takes, 7.09 (w^5 R^4/E^2)^(1/3), is lost (Thornton and Ning, Powder Technol. 99 (1998) 154).
 
@@ -210,7 +217,8 @@ class JKR(NamedTuple):
     Examples
     --------
     >>> contact = JKR(modulus=1.0, adhesion=0.01)
-    >>> at_touch = contact.interaction_first(1.0, 1.0, 1.0, (1.0,))[0]
+    >>> bound = contact.remember(0.99, 1.0, (0.0,))
+    >>> at_touch = contact.interaction_first(1.0, 1.0, 1.0, bound)[0]
     >>> round(float(at_touch) / (1.5 * math.pi * 0.01 * 0.25), 6)  # 8/9 of the pull-off force
     0.888889
 
@@ -221,6 +229,7 @@ class JKR(NamedTuple):
 
     contains_repulsion = True  # type: ignore[misc]
     memory = 1  # type: ignore[misc]
+    begins_at_contact = True  # type: ignore[misc]
     force_jumps = True  # type: ignore[misc]
 
     def fault(self) -> str:
@@ -236,12 +245,16 @@ class JKR(NamedTuple):
         return contact_distance + 0.75 * float(np.cbrt(ratio * ratio * radius))
 
     def remember(self, distance: float, contact_distance: float, memory: tuple[float]) -> tuple[float]:
-        """Return whether the pair is bound, 1 or 0."""
-        return (1.0 if distance < contact_distance else memory[0],)
+        """Return the square of its length for a pair that is bound, else 0."""
+        if distance >= contact_distance and memory[0] == 0.0:
+            return (0.0,)
+        return (jkr_square(self.modulus, self.adhesion, contact_distance, memory[0]),)
 
     def cap_force(self, distance: float, contact_distance: float) -> float:
         """Return the normal force under Coulomb's cap: F and twice the pull-off force [force]."""
-        x, radius, _ = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        radius = 0.25 * contact_distance
+        square = jkr_square(self.modulus, self.adhesion, contact_distance, 0.0)
+        x = jkr_root((contact_distance - distance) * radius / square)
         x3 = x * x * x
         return math.pi * self.adhesion * radius * (3.0 - 8.0 / 3.0 * x3 * (1.5 - x3))
 
@@ -251,7 +264,8 @@ class JKR(NamedTuple):
         """Return the energy, 0 of spheres apart [energy]."""
         if memory[0] == 0.0:
             return 0.0
-        x, radius, square = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        radius, square = 0.25 * contact_distance, memory[0]
+        x = jkr_root((contact_distance - distance) * radius / square)
         x3 = x * x * x
         return 8.0 / 3.0 * math.pi * self.adhesion * square * x * x3 * (0.4 * x3 * x3 - x3 + 0.375)
 
@@ -261,7 +275,8 @@ class JKR(NamedTuple):
         """Return the slopes by distance [force] and alignment [energy]."""
         if memory[0] == 0.0:
             return 0.0, 0.0
-        x, radius, square = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        radius, square = 0.25 * contact_distance, memory[0]
+        x = jkr_root((contact_distance - distance) * radius / square)
         x3 = x * x * x
         return 8.0 / 3.0 * math.pi * self.adhesion * radius * x3 * (1.5 - x3), 0.0
 
@@ -271,7 +286,8 @@ class JKR(NamedTuple):
         """Return the second derivatives: by distance [force/length], both, alignment."""
         if memory[0] == 0.0:
             return 0.0, 0.0, 0.0
-        x, radius, square = jkr_contact(self.modulus, self.adhesion, distance, contact_distance)
+        radius, square = 0.25 * contact_distance, memory[0]
+        x = jkr_root((contact_distance - distance) * radius / square)
         steep = x * x * (6.0 * x * x * x - 4.5) / max(4.0 * x * x * x - 1.0, 1e-300)
         return 8.0 / 3.0 * math.pi * self.adhesion * radius * radius / square * steep, 0.0, 0.0
 
@@ -308,6 +324,7 @@ class CapillaryBridge(NamedTuple):
     contact_angle: float = 0.0
 
     memory = 1  # type: ignore[misc]
+    begins_at_contact = True  # type: ignore[misc]
     force_jumps = True  # type: ignore[misc]
 
     def fault(self) -> str:

@@ -192,6 +192,7 @@ def check_interaction(what: str, effect: Any) -> None:
                 f"{what}.reach must be the contact distance or more, as the effect remembers, got {reach:.6g} at "
                 f"contact distance {sigma:g}"
             )
+        _check_beginning(what, effect, sigma, reach)
         beyond = reach - sigma if reach > sigma else 0.0
         at = [part * reach for part in _PARTS_OF_REACH]
         # a short range beyond contact is looked at by itself, but not where distances are rounded to too large a part
@@ -232,6 +233,23 @@ def check_interaction(what: str, effect: Any) -> None:
                     f"{last:.6g} there at contact distance {sigma:g}; where a jump is meant, the class says so with "
                     "force_jumps = True"
                 )
+
+
+def _check_beginning(what: str, effect: Any, sigma: float, reach: float) -> None:
+    """Refuse an effect said to begin at contact that remembers or acts before."""
+    if not getattr(type(effect), "begins_at_contact", False):
+        return
+    nothing = (0.0,) * int(getattr(type(effect), "memory", 0))
+    for part in _PARTS_OF_REACH if nothing else ():
+        distance = sigma + part * (reach - sigma)
+        numbers = tuple(map(float, effect.remember(distance, sigma, nothing)))
+        first = effect.interaction_first(distance, sigma, 1.0, nothing)
+        if any(numbers) or any(first):
+            raise ValueError(
+                f"{what}.remember and interaction_first must be zero of pairs apart that hold zeros, as its class says "
+                f"begins_at_contact = True, got {numbers} and {first} at distance {distance:.4g}, contact distance "
+                f"{sigma:g}"
+            )
 
 
 def _components(effect: Any, name: str, place: tuple[float, float, float]) -> tuple[float, ...]:

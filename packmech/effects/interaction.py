@@ -19,7 +19,9 @@ each, `memory = 1`, and defines
 
     remember(self, distance, contact_distance, memory)      the numbers (a tuple) at this distance, from those before
 
-It reaches as far as contact at least: `reach` is not asked where particles touch.
+It reaches as far as contact at least: `reach` is not asked where particles touch. Where its class says
+`begins_at_contact = True` there is nothing to remember, and no force, of a pair apart that holds zeros: it is not asked
+of such a pair, which is faster.
 The hooks above, all but `reach`, then take the numbers as their last argument. They are 0 for pairs that come within
 reach, and again beyond it. Time steps ask for new ones before each force, at rest they are those that the packing holds
 (`TangentialDisplacements.memory_ck`), or zeros, brought to the distance of the pair: what was remembered once is
@@ -85,6 +87,11 @@ def remembers(effect: Any) -> bool:
     return memory_size(effect) > 0
 
 
+def begins_at_contact(effect: Any) -> bool:
+    """Return whether an effect, or numba's type of one, keeps zeros of pairs until they touch, and is zero for them."""
+    return bool(getattr(getattr(effect, "instance_class", effect), "begins_at_contact", False))
+
+
 def memory_columns(effects: tuple[Any, ...]) -> int:
     """Return how many numbers all effects together keep of each pair."""
     return sum(memory_size(one) for one in effects if is_interaction(one))
@@ -135,7 +142,8 @@ def remembered(effect: Any, distance: float, contact_distance: float, memory: tu
     """Return the numbers that one effect keeps of a pair at this distance; zeros from its reach on."""
     if not remembers(effect):
         return ()
-    if distance >= effect.reach(contact_distance):
+    apart = distance >= contact_distance and begins_at_contact(effect) and memory == (0.0,) * memory_size(effect)
+    if apart or distance >= effect.reach(contact_distance):
         return (0.0,) * memory_size(effect)
     return tuple(effect.remember(distance, contact_distance, memory))
 
@@ -146,10 +154,14 @@ def _choose_remembered(effect: Any, distance: Any, contact_distance: Any, memory
         return lambda effect, distance, contact_distance, memory: ()
     reach, hook, nothing = hook_of(effect, "reach"), hook_of(effect, "remember"), (0.0,) * memory_size(effect)
     assert reach is not None and hook is not None
+    at_contact = begins_at_contact(effect)
 
     def numbers(effect, distance, contact_distance, memory):  # type: ignore[no-untyped-def]
-        if distance >= contact_distance and distance >= reach(effect, contact_distance):
-            return nothing
+        if distance >= contact_distance:
+            if at_contact and memory == nothing:
+                return nothing
+            if distance >= reach(effect, contact_distance):
+                return nothing
         return hook(effect, distance, contact_distance, memory)
 
     return numbers
@@ -287,10 +299,15 @@ def _choose_remembering_slope(effect: Any, distance: Any, contact_distance: Any,
 
         return forgetful
 
+    at_contact, nothing = begins_at_contact(effect), (0.0,) * memory_size(effect)
+
     def slope(effect, distance, contact_distance, alignment, memory):  # type: ignore[no-untyped-def]
         # what remembers reaches as far as contact at least
-        if distance >= contact_distance and distance >= reach(effect, contact_distance):
-            return 0.0
+        if distance >= contact_distance:
+            if at_contact and memory == nothing:
+                return 0.0
+            if distance >= reach(effect, contact_distance):
+                return 0.0
         return firsts(effect, distance, contact_distance, alignment, memory)[0]
 
     return slope
