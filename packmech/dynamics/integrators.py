@@ -21,7 +21,11 @@ from packmech.effects import (
     interactions_of,
     is_bound,
     law_second,
+    memory_size,
     pair_damping,
+    remembered,
+    remembered_energy,
+    remembers,
 )
 from packmech.effects.pair import at_overlap
 from packmech.packing import Packing
@@ -111,10 +115,10 @@ def start_of_motion(packing: Packing, velocity_nd: Any, spin_nk: Any, held_n: An
 
 
 def choose_time_step(scene: Scene, fraction: float) -> float:
-    """Return fraction times the shortest of sqrt(m / k) and m / c over the particles [time].
+    """Return fraction times the shortest of sqrt(m / k), m / c and the time in which a bond is made and broken [time].
 
-    m is the smallest mass, k the largest stiffness, c the largest damping of whatever acts (`stiffness_and_damping`).
-    How far anything moves has no part in it.
+    m is the smallest mass, k the largest stiffness, c the largest damping of whatever acts (`stiffness_and_damping`);
+    for bonds that jump see `_rate_of_jumps`. How far anything moves has no part in it.
 
     Parameters
     ----------
@@ -126,8 +130,8 @@ def choose_time_step(scene: Scene, fraction: float) -> float:
     """
     stiffest, most_damped, drag = stiffness_and_damping(scene)
     smallest = float(scene.packing.mass_n.min())
-    # one over each of the two times
-    fastest = max(math.sqrt(stiffest / smallest), most_damped / smallest + drag)
+    # one over each of the three times
+    fastest = max(math.sqrt(stiffest / smallest), most_damped / smallest + drag, _rate_of_jumps(scene))
     if not fastest > 0.0:
         raise ValueError("dt must be given for effects without stiffness, got None")
     return fraction / fastest
@@ -184,6 +188,25 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             slow, fast = (one.body_force(*center.tolist(), speed, 0.0, 0.0, 1.0, radius)[0] for speed in (0.0, 1.0))
             drag += abs(fast - slow)
     return max(stiff), max(damped), drag
+
+
+def _rate_of_jumps(scene: Scene) -> float:
+    """Return one over the time that the fastest pair that sticks takes through the range of its bond [1/time].
+
+    Of interactions that remember: as a bond forms and breaks the force jumps within a step, by an error of about
+    force times speed times half the step. Two particles stick below the speed at which their energy is what making and
+    breaking takes; faster ones lose as much of more.
+    """
+    packing, fastest = scene.packing, 0.0
+    for one in interactions_of(scene.effects):
+        for sigma in (2.0 * packing.radius_n.min(), 2.0 * packing.radius_n.max()) if remembers(one) else ():
+            held = remembered(one, (1.0 - _OVERLAPS[-1]) * sigma, sigma, (0.0,) * memory_size(one))
+            reach = float(one.reach(sigma))
+            lost = remembered_energy(one, reach, sigma, held) - remembered_energy(one, sigma, sigma, held)
+            if lost > 0.0 and reach > sigma:
+                speed = math.sqrt(4.0 * lost / float(packing.mass_n.min()))
+                fastest = max(fastest, speed / (reach - sigma))
+    return fastest
 
 
 def _stiffness_beyond_contact(scene: Scene) -> float:

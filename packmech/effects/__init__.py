@@ -53,8 +53,11 @@ from packmech.effects.interaction import (
     interactions_of,
     is_interaction,
     memory_columns,
+    memory_size,
     reach_beyond_contact,
     refuse_memory_of_shapes,
+    remembered,
+    remembered_energy,
     remembers,
 )
 from packmech.effects.langevin import Langevin, langevin_of
@@ -126,8 +129,11 @@ __all__ = [
     "interactions_of",
     "is_interaction",
     "refuse_memory_of_shapes",
+    "remembered",
+    "remembered_energy",
     "remembers",
     "memory_columns",
+    "memory_size",
     "reach_beyond_contact",
     "SIGNED",
     "ROUGHNESS",

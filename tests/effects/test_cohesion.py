@@ -108,6 +108,24 @@ def test_a_collision_loses_what_making_and_breaking_of_a_jkr_bond_takes():
         assert error[-1] < 2.0 * 1.5 * math.pi * W * RADIUS * speed * dt
 
 
+@pytest.mark.parametrize("adhesion", [1e-5, W, 0.1])
+def test_the_time_step_that_is_chosen_resolves_the_making_and_breaking_of_a_bond(adhesion):
+    """At speeds of which a large part is lost: to a tenth of it, as what the integrator leaves says, too."""
+    jkr = pm.JKR(E, adhesion)
+    making = 7.0921 * (adhesion**5 * RADIUS**4 / E**2) ** (1.0 / 3.0)
+    for part in (1.05, 1.5):
+        speed, width = part * math.sqrt(4.0 * making), jkr.reach(SIGMA) - SIGMA
+        velocity = [[0.5 * speed, 0.0, 0.0], [-0.5 * speed, 0.0, 0.0]]
+        place = [[20.0, 20.0, 20.0], [21.0 + 1e-4 * width, 20.0, 20.0]]
+        packing = pm.Packing(place, [0.5, 0.5], pm.Box.cubic(40.0, 3), mass_n=[1.0, 1.0])
+        time = 20.0 * max(width / speed, 1.5)
+        run = pm.simulate(pm.Scene(packing, (jkr,)), duration=time, velocity_nd=velocity, check=False, ledger=True)
+        ledger = run.ledger
+        assert ledger.stored["interactions"][-1] == 0.0
+        assert ledger.dissipated["interactions"][-1] == pytest.approx(making, rel=0.1)
+        assert abs(ledger.kinetic_t[-1] + making - ledger.kinetic_t[0]) < 0.1 * making
+
+
 def test_jkr_spheres_stick_below_the_speed_whose_energy_is_lost_and_part_above():
     threshold = math.sqrt(4.0 * lost())
     for part, sticks in ((0.97, True), (1.03, False)):
