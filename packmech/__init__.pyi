@@ -404,6 +404,12 @@ from packmech.jit.compiled import kernel as kernel
 #: mixed_control, uniaxial_stress -> deform, deform_at_rate
 #: force_network, overlaps, normal_forces -> contact_forces
 #: rattlers -> find_rattlers
+#: polymer, polymers, chains, beads_on_a_chain -> chain_packing, Links, bead_packing
+#: adhesion, pull_off, sticking -> JKR, DMT, ShortRangeAttraction
+#: gel, attraction, cohesion, wet, liquid_bridge -> ShortRangeAttraction, DMT, JKR, CapillaryBridge
+#: reaction, support, floor -> wall_contacts, contact_forces
+#: plastic, plasticity, plastic_events, yielding -> quasistatic_shear, local_yield_stress
+#: notebook, html -> plot
 #: import, load, open, read -> read_packing, read_trajectory, from_ase
 #: export, save, write -> write_packing, write_trajectory, to_ase
 #: draw, figure, show -> plot

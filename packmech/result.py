@@ -363,9 +363,14 @@ class Run:
         }
 
     def outcome_rows(self) -> list[Row]:
-        """Return how the run ended, and each condition that it does not meet."""
+        """Return how the run ended, each condition that it does not meet, and whether its energy is accounted for."""
         ended = ("outcome", self.outcome.name.lower().replace("_", " "), self.outcome.value)
-        return [ended, *(("not met", one.name, str(one)) for one in self.unmet)]
+        ledger = getattr(self, "ledger", None)
+        return [
+            ended,
+            *(("not met", one.name, str(one)) for one in self.unmet),
+            *(() if ledger is None else (ledger.row(),)),
+        ]
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""

@@ -199,6 +199,7 @@ _CHECKS: dict[str, Callable[[str, Any], Any]] = {
     "axes": _axes,
     "blocks": partial(integer, at_least=2),
     "carried": partial(instance, kind=bool),
+    "ledger": partial(instance, kind=bool),
     "dt": positive,
     "duration": positive,
     "force_tolerance": positive,
@@ -273,6 +274,8 @@ class SimulateDrive:
         Numbers of the particles that nothing pushes or turns.
     trace_every
         Steps between the rows of observables that are kept; some 200 rows unless given.
+    ledger
+        Account for the energy, as the call does: what went in, what is stored, where the rest went.
 
     """
 
@@ -284,6 +287,7 @@ class SimulateDrive:
     spins: tuple[tuple[float, ...], ...] | None = None
     held: tuple[int, ...] = ()
     trace_every: int | None = None
+    ledger: bool = False
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -443,6 +447,8 @@ class OscillatoryShearDrive:
         there are none.
     carried
         What pm.oscillatory_shear takes; false only with plates.
+    ledger
+        Account for the energy, as the call does: what went in, what is stored, where the rest went.
 
     """
 
@@ -461,6 +467,7 @@ class OscillatoryShearDrive:
     expected_stress: float | None = None
     plates: str | float | None = None
     carried: bool = True
+    ledger: bool = False
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -480,6 +487,8 @@ class SteadyShearDrive:
     ----------
     rates, applied_strain, skip_strain, blocks, samples, axes, dt, method
         What pm.steady_shear takes.
+    ledger
+        Account for the energy, as the call does: what went in, what is stored, where the rest went.
 
     """
 
@@ -491,6 +500,7 @@ class SteadyShearDrive:
     axes: tuple[int, int] = (0, 1)
     dt: float | None = None
     method: Any = None
+    ledger: bool = False
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -506,6 +516,8 @@ class ShearAtPressureDrive:
     ----------
     rate, pressure, applied_strain, skip_strain, blocks, axes, answer, pressure_tolerance, dt
         What pm.shear_at_pressure takes: the rate [1/time] and the pressure [energy/length^d].
+    ledger
+        Account for the energy, as the call does: what went in, what is stored, where the rest went.
 
     """
 
@@ -518,6 +530,7 @@ class ShearAtPressureDrive:
     answer: float = 10.0
     pressure_tolerance: float = 0.1
     dt: float | None = None
+    ledger: bool = False
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -541,7 +554,7 @@ class DeformDrive:
         Jam the packing at this pressure first, as by pm.jam [energy_scale / diameter^d]; None: it is jammed already.
     steps
         As of pm.deform, at rest; 50 unless given.
-    answer, stress_tolerance, dt
+    answer, stress_tolerance, dt, ledger
         As of pm.deform_at_rate, in time.
 
     """
@@ -554,12 +567,13 @@ class DeformDrive:
     answer: float | None = None
     stress_tolerance: float | None = None
     dt: float | None = None
+    ledger: bool | None = None
 
     def __post_init__(self) -> None:
         _check_fields(self)
         if not self.strain and not self.stress:
             raise ValueError("drive.strain must be given, or drive.stress, got neither")
-        others = ("answer", "stress_tolerance", "dt") if self.rate is None else ("steps",)
+        others = ("answer", "stress_tolerance", "dt", "ledger") if self.rate is None else ("steps",)
         where = "without a rate, at rest" if self.rate is None else "with a rate, in time"
         for name in others:
             if getattr(self, name) is not None:
@@ -575,6 +589,8 @@ class RampStrainDrive:
     ----------
     rate, applied_strain, mode, samples, axes, dt, method
         What pm.ramp_strain takes.
+    ledger
+        Account for the energy, as the call does: what went in, what is stored, where the rest went.
 
     """
 
@@ -585,6 +601,7 @@ class RampStrainDrive:
     axes: tuple[int, int] = (0, 1)
     dt: float | None = None
     method: Any = None
+    ledger: bool = False
 
     def __post_init__(self) -> None:
         _check_fields(self)
@@ -599,6 +616,8 @@ class CreepDrive:
     ----------
     stress, duration, hold, inertia, viscosity, axes, dt, method
         What pm.creep takes.
+    ledger
+        Account for the energy, as the call does: what went in, what is stored, where the rest went.
 
     """
 
@@ -610,6 +629,7 @@ class CreepDrive:
     axes: tuple[int, int] = (0, 1)
     dt: float | None = None
     method: Any = None
+    ledger: bool = False
 
     def __post_init__(self) -> None:
         _check_fields(self)

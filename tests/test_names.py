@@ -96,6 +96,12 @@ def test_everyday_words_find_what_they_are_called_here(word, name, capsys):
     assert name in capsys.readouterr().out
 
 
+def test_help_names_the_pages_of_the_guide_with_a_heading_on_a_word(capsys):
+    pm.help("cohesion")
+    said = capsys.readouterr().out
+    assert "CapillaryBridge" in said and "packmech guide cohesion" in said
+
+
 def test_everyday_words_stand_for_public_names_and_help_says_where_it_finds_nothing(capsys):
     assert {name for names in pm._WORDS.values() for name in names} <= set(pm.__all__)
     assert not set(pm._WORDS) & set(pm.__all__)

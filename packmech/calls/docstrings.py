@@ -7,6 +7,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
+from importlib import resources
 from typing import Any
 
 from packmech.check import did_you_mean
@@ -83,11 +84,12 @@ def print_subjects(
 ) -> None:
     """Print names by subject, each with the first sentence on it; only those with a word, if one is given.
 
+    Pages of the guide with a heading on it stand below.
     `words` are everyday ones with the names that they stand for.
     """
     package, parts = importlib.import_module("packmech"), word.lower().split()
     known, found = words or {}, False
-    meant = set(known.get("_".join(parts), ()))
+    meant = set(known.get("_".join(parts).replace("-", "_"), ()))
     for subject, names in subjects.items():
         about = {name: first_sentence(getattr(package, name)) for name in names}
         rows = {
@@ -106,7 +108,22 @@ def print_subjects(
             print(subject)
             for name, line in rows.items():
                 print("\n".join(textwrap.wrap(line, 120, initial_indent=f"  {name:22s} ", subsequent_indent=" " * 25)))
-    if not found:
+    pages = _guide_pages_on(parts) if parts else {}
+    if pages:
+        print("to read")
+        for topic, heading in pages.items():
+            print(f"  packmech guide {topic:15s} {heading}")
+    if not found and not pages:
         public = [name for group in subjects.values() for name in group]
         near = did_you_mean("_".join(parts), [*public, *known])
         print(f"nothing found for {word!r}{near}; try one word of it, or pm.help() for all names by subject")
+
+
+def _guide_pages_on(parts: Sequence[str]) -> dict[str, str]:
+    """Return the pages of the guide that have a heading with these words, and the heading."""
+    found: dict[str, str] = {}
+    for page in sorted((resources.files("packmech") / "guide").iterdir(), key=lambda one: one.name):
+        for line in page.read_text("utf-8").splitlines() if page.name.endswith(".md") else ():
+            if line.startswith("#") and all(re.search(rf"\b{re.escape(one)}", line.lower()) for one in parts):
+                found.setdefault(page.name.removesuffix(".md"), line.lstrip("# "))
+    return found

@@ -39,7 +39,8 @@ class Changes:
     dimension
         2 or 3
     packing_fraction
-        of the random start
+        of the random start; the exact hard packing is looked for from a quench at 0.87 (of spheres 0.68), unless
+        --set drive.method.start_packing_fraction=... says another
     law
         of the repulsion: harmonic, hertz, ...
     friction

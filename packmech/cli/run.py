@@ -254,6 +254,11 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
         show_summary(title, about.summary())
     if "cementing" in numbers:
         _show_cementing(numbers["cementing"])
+    for one, label in _labeled(done):
+        ledger = getattr(one, "ledger", None)
+        if ledger is not None:
+            show(table(f"where the energy went {label}".strip(), ("", "", ""), ledger.rows(), right=()))
+            numbers[f"ledger {label}".strip()] = ledger.to_dict()
     files.write_json(numbers)
     files.say_what_was_written()
     parameters = {"scene": wanted.name, "seed": wanted.seed, "drive": scene.drive}

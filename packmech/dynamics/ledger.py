@@ -193,6 +193,20 @@ class EnergyLedger:
             return f"closes to {self.residual:.1e} of {self.scale:.4g}"
         return "does not close\n" + "\n".join(_wrapped(str(one)) for one in self.unmet[:2])
 
+    def row(self) -> Row:
+        """Return whether it closes as a row of what a run reached."""
+        words = f"{self.residual:.1e} of all energies are not explained" if self.closed else str(self.unmet[0])
+        return "energy ledger", "closes" if self.closed else "does not close", words
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what its energies changed by, by channel, as plain values."""
+        kinds = {"work": self.work, "stored": self.stored, "dissipated": self.dissipated, "integrator": self.integrator}
+        found: dict[str, Any] = {"closed": self.closed, "residual": self.residual}
+        found["kinetic"] = float(self.kinetic_t[-1] - self.kinetic_t[0])
+        for kind, curves in kinds.items():
+            found[kind] = {name: float(curve[-1] - curve[0]) for name, curve in curves.items()}
+        return found
+
     def about(self) -> dict[str, Any]:
         """Return what a table of this ledger says of it."""
         return {"kind": type(self).__name__, "closed": self.closed, "residual": self.residual}

@@ -190,7 +190,7 @@ def jkr_square(modulus: float, adhesion: float, contact_distance: float, before:
     cube *= cube
     if abs(before * before * before - cube) <= _SAME_CONTACT * cube:
         return before
-    return np.cbrt(cube)
+    return float(np.cbrt(cube))
 
 
 @effect

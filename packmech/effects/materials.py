@@ -28,10 +28,12 @@ class Material:
 
     Parameters
     ----------
-    young_modulus, poisson_ratio
-        E [force/length^2; in a plane, of parallel cylinders per length of these] and nu, from 0 to 0.5 [1].
+    young_modulus
+        E [force/length^2]; in a plane that of parallel cylinders, per length of these.
+    poisson_ratio
+        nu, from 0 to 0.5 [1].
     density
-        Mass over volume, or over area in a plane.
+        Mass over volume, or over area in a plane [mass/length^d].
     restitution
         Share of the speed that head-on collisions leave, above 0 and at most 1 [1].
     friction

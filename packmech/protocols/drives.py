@@ -103,7 +103,7 @@ def _deform(drive: DeformDrive, scene: Scene, *, progress: Progress) -> Run:
             return before
         scene = scene.replace(packing=before.packing)
     given = {"strain": drive.strain or {}, "stress": drive.stress or {}}
-    named = {name: getattr(drive, name) for name in ("rate", "steps", "answer", "stress_tolerance", "dt")}
+    named = {name: getattr(drive, name) for name in ("rate", "steps", "answer", "stress_tolerance", "dt", "ledger")}
     asked = {**given, **{name: value for name, value in named.items() if value is not None}}
     call: Any = deform if drive.rate is None else deform_at_rate
     run: Run = call(scene, **asked, progress=progress, check=False)

@@ -79,6 +79,7 @@ def follow(
         "held_n": held,
         "trace_every": max(1, steps // (frames or _ROWS)) if drive.trace_every is None else drive.trace_every,
         "trace_positions": frames > 0,
+        "ledger": drive.ledger,
         "progress": progress,
         "check": False,
     }

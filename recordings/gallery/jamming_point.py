@@ -1,9 +1,10 @@
 """At which packing fraction do soft discs jam, and how does that depend on their number?
 
 O'Hern, Silbert, Liu and Nagel, Phys. Rev. E 68, 011306 (2003): discs 1:1.4 that are quenched from random starts jam at
-about .842 for N to infinity, with a width that falls with N. Here starts are quenched at a packing fraction of .9 and
-taken to the exact hard packing nearby; rattlers count. The power of N of the fit is theirs, -1 / (2 x .71), and four N
-do not test it: the limit of the fit, .845(1), lies above theirs.
+about .842 for N to infinity, with a width that falls with N. Here random starts are quenched at the packing fraction
+of .87 that pm.jam takes unless its method says another, and taken to the exact hard packing nearby; rattlers count. The
+power of N of the fit is theirs, -1 / (2 x .71), and four N do not test it: the limit of the fit, .845(1), lies above
+theirs.
 
 Prints, with a margin for other seeds, of which one more set was run:
     phi_J at N 256 = 0.8428 +- 0.0010
