@@ -358,6 +358,12 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     backbone = packing.particles - int(rattler_n.sum())
     isostatic: int | None = isostatic_contacts(backbone, packing.dimension, strain, linked.get("backbone_links", 0))
     overlap_c = -contacts.gap_c / contacts.contact_distance_c
+    held, counted = held_particles(scene.effects, packing.particles), {}
+    if held is not None:
+        # of what moves, as with friction: a floor's particles have few contacts
+        count_n, free = contacts.among(~rattler_n).count_n(), ~rattler_n & ~held
+        mean = float(count_n[free].mean()) if free.any() else 0.0
+        counted = {"held": int(held.sum()), "coordination_number": mean}
     return {
         "bears": _carries_force(packing, contacts),
         "largest_overlap": float(overlap_c.max(initial=0.0)) + 0.0,
@@ -366,6 +372,7 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "isostatic_contacts": None if acting else isostatic,
         **({"wall_contacts": len(wall_contacts(scene))} if acting else {}),
         **linked,
+        **counted,
     }
 
 

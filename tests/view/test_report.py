@@ -1,5 +1,6 @@
 """Facts about reports: counts by hand, units, and what is said when something is missing or unstable."""
 
+import math
 import time
 from typing import NamedTuple
 
@@ -179,6 +180,21 @@ def test_a_pile_has_no_rattlers_and_no_isostatic_count():
     assert numbers["isostatic_contacts"] is None
     assert numbers["wall_contacts"] == len(pm.wall_contacts(scene)) > 0
     assert numbers["contacts"] == len(pm.find_contacts(scene.packing))
+
+
+def test_the_coordination_number_on_a_held_floor_is_that_of_what_moves():
+    """Three discs that do not touch each other lie in hollows of six held ones: two contacts each."""
+    floor = [[0.5 + x, 0.5] for x in range(6)]
+    place = [*floor, *([1.0 + 2.0 * x, 0.5 + math.sqrt(0.75)] for x in range(3))]
+    effects = (pm.Repulsion(pm.LinearSpring()), pm.Gravity(0.0, -1e-3), pm.FixedParticles(tuple(range(6))))
+    scene = pm.Scene(pm.Packing(place, [0.5] * 9, pm.Box(np.diag([6.0, 20.0]))), effects)
+    scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-8).packing)
+    report = examine(scene, modes=0)
+    assert report.numbers["coordination_number"] == 2.0 and report.numbers["held"] == 6
+    words = row(result_rows(report.numbers, report.missing), "coordination number")[2]
+    assert "neither rattles nor is one of 6 held" in words
+    rough = pm.contact_forces(scene.replace(effects=(*effects, pm.Friction(0.5))))
+    assert rough.coordination_number == 2.0
 
 
 def test_the_report_of_a_crystal_has_six_contacts_per_particle_and_both_isostatic_counts():
