@@ -342,6 +342,7 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
             for one in selection.levels
         ],
         "mean_overlap": selection.mean_overlap,
+        "on_plateau": selection.on_plateau,
         "rest": None if rest is None else {"residual": rest.residual, "limit": rest.limit, "law": rest.law},
         "at_rest": None if rest is None else rest.at_rest,
         "verdict_method": verdict.method,
@@ -448,19 +449,23 @@ def _balance(rest: Mapping[str, Any]) -> str:
 
 
 def _answer_row(numbers: Mapping[str, Any], name: str, where: str) -> Row:
-    grounds = [where]
+    grounds, reason = [where], numbers[f"{name}_reason"]
+    if "hard_strict" in numbers and not numbers["on_plateau"]:
+        reason = "overlaps hide which contacts bear (see touching); the hard packing, below, has no overlaps"
+    elif name == "strict" and numbers[name] == numbers["collective"] and reason == numbers["collective_reason"]:
+        reason = "for the same reason" if reason else ""
     force = numbers[f"{name}_smallest_force"]
     if numbers[name] == "jammed" and not np.isnan(force):
         softest = numbers[f"{name}_smallest_singular_value"]
         grounds += [
-            numbers[f"{name}_reason"] if np.isnan(softest) else f"smallest singular value {softest:.1e}",
+            reason if np.isnan(softest) else f"smallest singular value {softest:.1e}",
             f"smallest force {force:.1e} of the mean",
             f"balanced to {numbers[f'{name}_balance']:.0e}",
         ]
         if not np.isnan(gap := numbers[f"{name}_duality_gap"]):
             grounds.append(f"duality gap {gap:.0e}")
     else:
-        grounds.append(numbers[f"{name}_reason"])
+        grounds.append(reason)
     # what is out of balance and has other contacts at every tolerance has none to go by
     apart = numbers["at_rest"] is False and len({level["excess"] for level in numbers["gap_levels"]}) > 1
     if numbers[name] == "ambiguous" and numbers[f"{name}_first_order_jammed"] is not None and not apart:

@@ -234,6 +234,9 @@ def test_the_verdict_of_the_hard_packing_stands_beside_one_that_overlaps_hide():
     exact = pm.classify_jamming(run.report["hard_packing"])
     assert (report.numbers["hard_collective"], report.numbers["hard_strict"]) == (exact.collective, exact.strict)
     assert exact.strict == "jammed" and "hard packing  " in str(report.summary())
+    # which says once why, in a line that fits, and the verdict itself says it in full
+    assert "the hard packing, below" in str(report.summary()) and "off its plateau" not in str(report.summary())
+    assert "off its plateau" in str(report.verdict) and str(report.verdict).count("off its plateau") == 1
     low = pm.jam(scene, pressure=1e-8)
     near = examine(scene.replace(packing=low.packing), run=low, strain="free", modes=0)
     assert near.numbers["strict"] == "jammed" and "hard_strict" not in near.numbers
