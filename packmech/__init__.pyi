@@ -407,7 +407,7 @@ from packmech.jit.compiled import kernel as kernel
 #: polymer, polymers, chains, beads_on_a_chain -> chain_packing, Links, bead_packing
 #: adhesion, pull_off, sticking -> JKR, DMT, ShortRangeAttraction
 #: gel, attraction, cohesion, wet, liquid_bridge -> ShortRangeAttraction, DMT, JKR, CapillaryBridge
-#: reaction, support, floor -> wall_contacts, contact_forces
+#: reaction, support, floor -> contact_forces, wall_contacts
 #: plastic, plasticity, plastic_events, yielding -> quasistatic_shear, local_yield_stress
 #: notebook, html -> plot
 #: import, load, open, read -> read_packing, read_trajectory, from_ase

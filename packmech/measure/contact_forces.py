@@ -156,11 +156,24 @@ class ContactForces:
 
         What rigid links add to them is not counted.
         """
+        return self._free(self._on_all_nd.copy())
+
+    @property
+    def reaction_nd(self) -> NDArray[np.float64]:
+        """The (N, d) forces that hold the held particles, such as a floor's; 0 for those that are free [force].
+
+        They balance contacts, weights and pushes of walls; what rigid links add to these is not counted.
+        """
+        return self._free(self._on_all_nd.copy()) - self._on_all_nd
+
+    @functools.cached_property
+    def _on_all_nd(self) -> NDArray[np.float64]:
+        """The (N, d) net forces, on what is held, too [force]."""
         force = self.force_cd
         net = sum_both(self.contacts, force, -force) + self._pushes.force_nd
         if len(self.interactions):
             net += self.interactions.net()[:, : net.shape[1]]
-        return self._free(net)
+        return net
 
     @functools.cached_property
     def torque_nk(self) -> NDArray[np.float64]:

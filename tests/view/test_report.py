@@ -195,6 +195,10 @@ def test_the_coordination_number_on_a_held_floor_is_that_of_what_moves():
     assert "neither rattles nor is one of 6 held" in words
     rough = pm.contact_forces(scene.replace(effects=(*effects, pm.Friction(0.5))))
     assert rough.coordination_number == 2.0
+    # the floor bears the weight of all nine
+    assert not rough.reaction_nd[6:].any()
+    weight = 1e-3 * scene.packing.mass_n.sum()
+    np.testing.assert_allclose(rough.reaction_nd.sum(axis=0), [0.0, weight], atol=1e-7 * weight)
 
 
 def test_the_report_of_a_crystal_has_six_contacts_per_particle_and_both_isostatic_counts():
