@@ -448,7 +448,7 @@ class OscillatoryShearDrive:
     carried
         What pm.oscillatory_shear takes; false only with plates.
     ledger
-        Account for the energy, as the call does: what went in, what is stored, where the rest went.
+        Account for the energy of the shear: what went in, what is stored, where the rest went; false with plates.
 
     """
 
@@ -476,6 +476,8 @@ class OscillatoryShearDrive:
             real("drive.skip_periods", self.skip_periods, at_least=0.0, below=self.periods)
         if not self.carried and self.plates is None:
             raise ValueError("drive.carried must be true where there are no plates, got False")
+        if self.ledger and self.plates is not None:
+            raise ValueError("drive.ledger must be false with plates, whose work is not accounted for, got True")
 
 
 @_built_in("packmech.rheology.drives:STEADY_SHEAR")

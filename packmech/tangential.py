@@ -45,7 +45,8 @@ class TangentialDisplacements:
         None where nothing resists these.
     memory_ck
         (C, K) numbers that effects with a memory keep of the pairs, in the order of the scene's effects: of `JKR` and
-        `CapillaryBridge` whether it is bound. None where nothing is remembered.
+        `CapillaryBridge` 0 of a pair that is not bound, of one that is (2 pi w R^2/E)^(2/3) [length^2] and 1. None
+        where nothing is remembered.
     at_wall_w, wall_stretch_wk
         (W,) particles, each once, and (W, K) displacements of their springs at rough `Walls`, in the order of the
         scene's effects, low before high: of each wall those of sliding (1 or 3), the stiffness that `Mindlin` keeps,

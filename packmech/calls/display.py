@@ -17,6 +17,8 @@ C = TypeVar("C", bound=type)
 
 # lines of a repr, and letters of one line
 LINES, LETTERS = 12, 110
+# errors below this part of a value are rounding
+_ROUNDING = 1e-14
 # arrays of no more numbers are written out
 _FEW = 6
 # name, value in words, unit or meaning
@@ -28,16 +30,16 @@ _PICTURE = "packmech.plotting.plot:picture_of"
 
 def value_with_error(value: float, error: float, sign: str = "+-") -> str:
     """Return a value to the digit of its error, and the error; the value alone where no error is known."""
-    if not (math.isfinite(value) and math.isfinite(error) and error > 0.0):
+    largest = max(abs(value), error)
+    if not (math.isfinite(largest) and error > _ROUNDING * largest):
         return f"{value:.6g}" if math.isnan(error) else f"{value:.6g} {sign} {error:.1g}"
-    size = 10.0 ** math.floor(math.log10(error))
-    # an error of .96 is written as 1
-    size *= 10.0 if round(error / size) == 10 else 1.0
-    if not 1e-5 < max(abs(value), error) < 1e6:
-        digits = max(0, math.floor(math.log10(max(abs(value), error) / size) + 1e-9))
+    # the place of the first digit of the error; one of .96 is written as 1
+    place = math.floor(math.log10(float(f"{error:.0e}")))
+    if not 1e-5 < largest < 1e6:
+        digits = max(0, math.floor(math.log10(largest)) - place)
         return f"{value:.{digits}e} {sign} {error:.1g}"
-    decimals = max(0, -math.floor(math.log10(size) + 0.5))
-    return f"{value:.{decimals}f} {sign} {error:.{decimals}f}"
+    value, error = round(value, -place), round(error, -place)
+    return f"{value:.{max(0, -place)}f} {sign} {error:.{max(0, -place)}f}"
 
 
 def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:

@@ -119,11 +119,17 @@ def print_subjects(
         print(f"nothing found for {word!r}{near}; try one word of it, or pm.help() for all names by subject")
 
 
+def guide_pages() -> dict[str, str]:
+    """Return the text of each page of the guide, by its topic, in the order of these."""
+    pages = (one for one in (resources.files("packmech") / "guide").iterdir() if one.name.endswith(".md"))
+    return {one.name.removesuffix(".md"): one.read_text("utf-8") for one in sorted(pages, key=lambda one: one.name)}
+
+
 def _guide_pages_on(parts: Sequence[str]) -> dict[str, str]:
     """Return the pages of the guide that have a heading with these words, and the heading."""
     found: dict[str, str] = {}
-    for page in sorted((resources.files("packmech") / "guide").iterdir(), key=lambda one: one.name):
-        for line in page.read_text("utf-8").splitlines() if page.name.endswith(".md") else ():
+    for topic, text in guide_pages().items():
+        for line in text.splitlines():
             if line.startswith("#") and all(re.search(rf"\b{re.escape(one)}", line.lower()) for one in parts):
-                found.setdefault(page.name.removesuffix(".md"), line.lstrip("# "))
+                found.setdefault(topic, line.lstrip("# "))
     return found

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from importlib import resources
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from packmech.calls.docstrings import guide_pages
 from packmech.check import one_of
 from packmech.cli.output import show, table
 
@@ -42,10 +42,9 @@ _ORDER = (
 
 def guide_topics() -> dict[str, str]:
     """Return what each page of the guide is about, by its topic: the first paragraph below its title."""
-    folder = resources.files("packmech") / "guide"
-    found = {one.name.removesuffix(".md"): one for one in folder.iterdir() if one.name.endswith(".md")}
-    ordered = [name for name in _ORDER if name in found] + sorted(set(found) - set(_ORDER))
-    return {name: " ".join(found[name].read_text("utf-8").split("\n\n")[1].split()) for name in ordered}
+    found = guide_pages()
+    ordered = [name for name in _ORDER if name in found] + [name for name in found if name not in _ORDER]
+    return {name: " ".join(found[name].split("\n\n")[1].split()) for name in ordered}
 
 
 def guide_page(topic: str) -> str:
@@ -57,8 +56,8 @@ def guide_page(topic: str) -> str:
         If there is no such page; it names the one that is nearest in spelling.
 
     """
-    name = one_of("topic", topic.removesuffix(".md"), guide_topics())
-    return (resources.files("packmech") / "guide" / f"{name}.md").read_text("utf-8")
+    found = guide_pages()
+    return found[one_of("topic", topic.removesuffix(".md"), found)]
 
 
 Topic = Annotated[str | None, Parameter(help="the page to print; without one, all are listed")]

@@ -254,11 +254,7 @@ def _finish(wanted: Wanted, done: Any, report: Report | None) -> None:
         show_summary(title, about.summary())
     if "cementing" in numbers:
         _show_cementing(numbers["cementing"])
-    for one, label in _labeled(done):
-        ledger = getattr(one, "ledger", None)
-        if ledger is not None:
-            show(table(f"where the energy went {label}".strip(), ("", "", ""), ledger.rows(), right=()))
-            numbers[f"ledger {label}".strip()] = ledger.to_dict()
+    numbers |= _show_ledgers(done)
     files.write_json(numbers)
     files.say_what_was_written()
     parameters = {"scene": wanted.name, "seed": wanted.seed, "drive": scene.drive}
@@ -295,6 +291,16 @@ def _measured(run: Run, after: Scene) -> dict[str, Any]:
         except (ValueError, TypeError, ArithmeticError, LookupError) as error:
             show(f"packmech: observable {one.name} cannot be measured at the end: {error}", error=True)
     return found
+
+
+def _show_ledgers(done: Any) -> dict[str, Any]:
+    """Print where the energy of each run went, if it was accounted for; return it by name, of several runs a list."""
+    found = [(one.ledger, label) for one, label in _labeled(done) if getattr(one, "ledger", None) is not None]
+    for ledger, label in found:
+        rows = [ledger.row(), *ledger.rows()]
+        show(table(f"where the energy went {label}".strip(), ("", "", ""), rows, right=()))
+    listed = [ledger.to_dict() for ledger, _ in found]
+    return {"ledger": listed if hasattr(done, "runs") else listed[0]} if listed else {}
 
 
 def _labeled(done: Any) -> list[tuple[Run, str]]:

@@ -27,12 +27,15 @@ from packmech.effects import (
     remembered_energy,
     remembers,
 )
+from packmech.effects.derivatives import may_jump
 from packmech.effects.pair import at_overlap
 from packmech.packing import Packing
 from packmech.scene import Scene
 
 # overlaps [1] at which the stiffness of a contact is looked up
 _OVERLAPS = (0.0, 0.1)
+# part of the range of a bond before its reach at which its energy is looked up
+_BEFORE = 1e-10
 # a wall's law is cut off where it just touches
 _BARELY = 1e-6
 # distances between the largest of these overlaps and their reach, and alignments, at which interactions are looked up
@@ -48,7 +51,8 @@ class VelocityVerlet(NamedTuple):
     Parameters
     ----------
     fraction
-        Where no time step is given it is this fraction of the shortest of sqrt(m / stiffness) and m / damping [1].
+        Where no time step is given it is this fraction of the shortest of sqrt(m / stiffness), m / damping, and the
+        time in which bonds that jump (`JKR`, `CapillaryBridge`) are made and broken by what just sticks [1].
 
     """
 
@@ -193,16 +197,24 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
 def _rate_of_jumps(scene: Scene) -> float:
     """Return one over the time that the fastest pair that sticks takes through the range of its bond [1/time].
 
-    Of interactions that remember: as a bond forms and breaks the force jumps within a step, by an error of about
+    Of interactions that remember and whose force jumps: a bond forms and breaks within a step, by an error of about
     force times speed times half the step. Two particles stick below the speed at which their energy is what making and
-    breaking takes; faster ones lose as much of more.
+    breaking takes; faster ones lose the same, a smaller part of their energy.
     """
     packing, fastest = scene.packing, 0.0
     for one in interactions_of(scene.effects):
-        for sigma in (2.0 * packing.radius_n.min(), 2.0 * packing.radius_n.max()) if remembers(one) else ():
+        jumps = remembers(one) and may_jump(one)
+        for sigma in (2.0 * packing.radius_n.min(), 2.0 * packing.radius_n.max()) if jumps else ():
             held = remembered(one, (1.0 - _OVERLAPS[-1]) * sigma, sigma, (0.0,) * memory_size(one))
             reach = float(one.reach(sigma))
-            lost = remembered_energy(one, reach, sigma, held) - remembered_energy(one, sigma, sigma, held)
+            # hooks are asked below their reach
+            last = reach - _BEFORE * (reach - sigma)
+            lost = remembered_energy(one, last, sigma, held) - remembered_energy(one, sigma, sigma, held)
+            if not math.isfinite(lost):
+                raise ValueError(
+                    f"dt must be given for {type(one).__qualname__}, whose energies at contact and before its reach "
+                    f"differ by {lost}, got None"
+                )
             if lost > 0.0 and reach > sigma:
                 speed = math.sqrt(4.0 * lost / float(packing.mass_n.min()))
                 fastest = max(fastest, speed / (reach - sigma))

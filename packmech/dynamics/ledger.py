@@ -195,8 +195,9 @@ class EnergyLedger:
 
     def row(self) -> Row:
         """Return whether it closes as a row of what a run reached."""
-        words = f"{self.residual:.1e} of all energies are not explained" if self.closed else str(self.unmet[0])
-        return "energy ledger", "closes" if self.closed else "does not close", words
+        unmet = "; ".join(map(str, self.unmet))
+        words = unmet or f"{self.residual:.1e} of all energies are not explained"
+        return "energy ledger", "does not close" if unmet else "closes", words
 
     def to_dict(self) -> dict[str, Any]:
         """Return what its energies changed by, by channel, as plain values."""

@@ -66,7 +66,7 @@ def simulate(
     dt
         Time step. Unless given: the method's fraction of the shortest of sqrt(m / stiffness) and m / damping, with the
         least mass and the stiffest pair of equal particles, of rigid bodies of equal beads, at a relative overlap of 0
-        or 0.1, whatever the motion is.
+        or 0.1, whatever the motion is; of bonds that jump also of the time in which they are made and broken.
     method
         VelocityVerlet() unless given, or SemiImplicitEuler().
     velocity_nd

@@ -16,6 +16,8 @@ import numpy as np
 from packmech.effects.pair import effect
 from packmech.jit.compiled import device
 
+# part by which the cube of a remembered square may be off [1]
+_SAME_CONTACT = 1e-12
 # x = (a / length)^(1/2) at which a JKR contact breaks where distances are held: d(overlap)/dx = 0, 4 x^3 = 1
 _BREAKS = 0.25 ** (1.0 / 3.0)
 # where the root is looked for from: c of u = w/(c + sqrt(c^2 + w)), exact of bonds about to break, and the factor that
@@ -176,10 +178,6 @@ def jkr_root(overlap: float) -> float:
     return _BREAKS + u
 
 
-# part by which the cube of a remembered square may be off [1]
-_SAME_CONTACT = 1e-12
-
-
 @device
 def jkr_square(modulus: float, adhesion: float, contact_distance: float, before: float) -> float:
     """Return the square of the length that contact radii are x^2 of; the number before, where it is that one.
@@ -203,7 +201,7 @@ class JKR(NamedTuple):
 
     with the stable a, the larger one. Particles that touch are bound, and stay so up to a negative overlap of
     (3/4) (pi^2 w^2 R/E^2)^(1/3), where the bond breaks; whether a pair is bound is remembered (one number: 0 of a pair
-    that is not, else (2 pi w R^2/E)^(2/3), which is found as the bond forms).
+    that is not, else (2 pi w R^2/E)^(2/3), which is found as the bond forms; any other number counts as bound).
     A bond is strongest before, at F = -(3/2) pi w R. As it forms the force jumps; what making and breaking of a bond
     takes, 7.09 (w^5 R^4/E^2)^(1/3), is lost (Thornton and Ning, Powder Technol. 99 (1998) 154).
 
@@ -264,7 +262,9 @@ class JKR(NamedTuple):
         """Return the energy, 0 of spheres apart [energy]."""
         if memory[0] == 0.0:
             return 0.0
-        radius, square = 0.25 * contact_distance, memory[0]
+        radius = 0.25 * contact_distance
+        # a number that came with a packing may be any but 0
+        square = jkr_square(self.modulus, self.adhesion, contact_distance, memory[0])
         x = jkr_root((contact_distance - distance) * radius / square)
         x3 = x * x * x
         return 8.0 / 3.0 * math.pi * self.adhesion * square * x * x3 * (0.4 * x3 * x3 - x3 + 0.375)

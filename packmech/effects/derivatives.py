@@ -243,12 +243,13 @@ def _check_beginning(what: str, effect: Any, sigma: float, reach: float) -> None
     for part in _PARTS_OF_REACH if nothing else ():
         distance = sigma + part * (reach - sigma)
         numbers = tuple(map(float, effect.remember(distance, sigma, nothing)))
-        first = effect.interaction_first(distance, sigma, 1.0, nothing)
-        if any(numbers) or any(first):
+        at = (distance, sigma, 1.0, nothing)
+        energy, first = effect.interaction_energy(*at), effect.interaction_first(*at)
+        if any(numbers) or energy or any(first):
             raise ValueError(
-                f"{what}.remember and interaction_first must be zero of pairs apart that hold zeros, as its class says "
-                f"begins_at_contact = True, got {numbers} and {first} at distance {distance:.4g}, contact distance "
-                f"{sigma:g}"
+                f"{what}.remember, interaction_energy and interaction_first must be zero of pairs apart that hold "
+                f"zeros, as its class says begins_at_contact = True, got {numbers}, {energy} and {first} at distance "
+                f"{distance:.4g}, contact distance {sigma:g}"
             )
 
 

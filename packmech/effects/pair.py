@@ -111,7 +111,8 @@ def effect(cls: E) -> E:
         reach(contact_distance), interaction_energy(distance,  forces between centers, of a range of their own, and
         contact_distance, alignment), interaction_first,       torques between directions; these, and `remember` with
         interaction_second                                     `memory = 1`, the numbers that a class keeps of each
-                                                               pair, are described in `packmech.effects.interaction`
+                                                               pair, and `begins_at_contact = True`, are described in
+                                                               `packmech.effects.interaction`
         =====================================================  =========================================================
 
         Those of pairs are asked for distances below contact. (x, y, z) is the place in the cell: an energy that differs
@@ -184,6 +185,12 @@ def _memory_of(cls: type, hooks: dict[str, Any]) -> int:
         raise TypeError(
             f"effect {cls.__name__} must have memory = (how many numbers it keeps of each pair), remember(distance, "
             "contact_distance, memory) and the hooks of an interaction, or none of the first two"
+        )
+    begins = getattr(cls, "begins_at_contact", False)
+    if not isinstance(begins, bool) or (begins and not memory) or "begins_at_contact" in getattr(cls, "_fields", ()):
+        raise TypeError(
+            f"effect {cls.__name__}.begins_at_contact must be True or False for the whole class, and False where it "
+            f"has no memory, got {begins!r}"
         )
     return memory
 

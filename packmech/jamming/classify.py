@@ -33,7 +33,15 @@ from packmech.jamming.contact_selection import (
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.shaped import classify_shaped
-from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict, unjamming_motion
+from packmech.jamming.verdict import (
+    AMBIGUOUS,
+    JAMMED,
+    NOT_JAMMED,
+    OFF_PLATEAU,
+    JammingAnswer,
+    Verdict,
+    unjamming_motion,
+)
 from packmech.jit.blas import single_thread
 from packmech.measure.rattlers import without
 from packmech.mechanics.hessian import is_stable
@@ -66,7 +74,7 @@ def off_plateau(selection: ContactSelection) -> str:
         return ""
     steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in selection.levels)
     return (
-        f"the gap tolerance is off its plateau: contacts beyond the fewest that jam are {steps}; "
+        f"{OFF_PLATEAU}: contacts beyond the fewest that jam are {steps}; "
         "judge the hard packing that pm.jam compressed (run.report['hard_packing'] of HardVertex), or the pairs that "
         "press, contacts=pm.find_contacts(packing), or a packing at a pressure at which overlaps are smaller "
         f"({selection.mean_overlap:.1e} in the mean here); see packmech guide verdicts"

@@ -309,6 +309,8 @@ def unjamming_motion(packing: Packing, cone: MotionCone, motion: NDArray[np.floa
 
 
 Row = tuple[str, str, str]
+# how the reason begins where overlaps hide which pairs touch
+OFF_PLATEAU = "the gap tolerance is off its plateau"
 
 
 def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
@@ -342,7 +344,6 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
             for one in selection.levels
         ],
         "mean_overlap": selection.mean_overlap,
-        "on_plateau": selection.on_plateau,
         "rest": None if rest is None else {"residual": rest.residual, "limit": rest.limit, "law": rest.law},
         "at_rest": None if rest is None else rest.at_rest,
         "verdict_method": verdict.method,
@@ -450,10 +451,10 @@ def _balance(rest: Mapping[str, Any]) -> str:
 
 def _answer_row(numbers: Mapping[str, Any], name: str, where: str) -> Row:
     grounds, reason = [where], numbers[f"{name}_reason"]
-    if "hard_strict" in numbers and not numbers["on_plateau"]:
-        reason = "overlaps hide which contacts bear (see touching); the hard packing, below, has no overlaps"
-    elif name == "strict" and numbers[name] == numbers["collective"] and reason == numbers["collective_reason"]:
-        reason = "for the same reason" if reason else ""
+    if name == "strict" and reason and (numbers[name], reason) == (numbers["collective"], numbers["collective_reason"]):
+        reason = "for the same reason"
+    elif "hard_strict" in numbers and reason.startswith(OFF_PLATEAU):
+        reason = f"{OFF_PLATEAU} (see touching); the hard packing, below, has no overlaps"
     force = numbers[f"{name}_smallest_force"]
     if numbers[name] == "jammed" and not np.isnan(force):
         softest = numbers[f"{name}_smallest_singular_value"]

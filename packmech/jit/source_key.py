@@ -128,9 +128,10 @@ class _UnknownMeaningError(Exception):
 def source_key(cls: type) -> str | None:
     """Return a hash that changes whenever the methods of a record class compute something else; None if none can.
 
-    Of a class of packmech's it is the hash of its sources. Of a user's it is made of the fields' names, of the code of
-    the public methods and of the functions they call, and of the values that their free names stand for: numbers,
-    text, tuples, and arrays to the last bit. A module of the user's or any other object has no such key.
+    Of a class of packmech's it is the hash of its sources. Of a user's it is made of the fields' names, of the class's
+    public attributes that are numbers or text, of the code of the public methods and of the functions they call, and of
+    the values that their free names stand for: numbers, text, tuples, and arrays to the last bit. A module of the
+    user's or any other object has no such key.
 
     Examples
     --------
@@ -151,6 +152,9 @@ def source_key(cls: type) -> str | None:
         for name, value in sorted(vars(cls).items()):
             if inspect.isfunction(value) and not name.startswith("_"):
                 parts += [name, *_function(value, set())]
+            elif isinstance(value, bool | int | float | str) and not name.startswith("_"):
+                # such as how many numbers an effect remembers of a pair
+                parts += [name, repr(value)]
     except _UnknownMeaningError:
         return None
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

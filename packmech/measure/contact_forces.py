@@ -42,6 +42,7 @@ from packmech.effects import (
 )
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
+from packmech.measure.counting import mean_of_moving
 from packmech.measure.friction import (
     TurningForces,
     sum_both,
@@ -162,7 +163,8 @@ class ContactForces:
     def reaction_nd(self) -> NDArray[np.float64]:
         """The (N, d) forces that hold the held particles, such as a floor's; 0 for those that are free [force].
 
-        They balance contacts, weights and pushes of walls; what rigid links add to these is not counted.
+        They balance contacts, bonds, interactions, weights and pushes of walls at rest: dashpots, and what rigid links
+        add, are not counted.
         """
         return self._free(self._on_all_nd.copy()) - self._on_all_nd
 
@@ -364,15 +366,9 @@ class ContactForces:
 
     @property
     def coordination_number(self) -> float:
-        """Mean number of force-bearing contacts of the particles that neither rattle nor are held [1].
-
-        Those of a pile are its grains, not those that its floor is made of.
-        """
-        counted, held = ~self.rattlers_n, held_particles(self.scene.effects, self.scene.packing.particles)
-        if held is not None:
-            counted = counted & ~held
-        count_n = self.contacts.select(self._held_c()).count_n()
-        return float(count_n[counted].mean()) if counted.any() else 0.0
+        """Mean number of force-bearing contacts of the particles that neither rattle nor are held [1]."""
+        count_n, scene = self.contacts.select(self._held_c()).count_n(), self.scene
+        return mean_of_moving(count_n, self.rattlers_n, held_particles(scene.effects, scene.packing.particles))
 
     @property
     def sliding_fraction(self) -> float:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from packmech.calls.honors import honors
 from packmech.check import instance, one_of, warn
 from packmech.contacts.fused_volume import shared_volume
@@ -53,6 +56,15 @@ def mean_contacts(contacts: int, rattlers: int, particles: int) -> float:
     """Return 2 N_c / N' of N_c contacts between the particles that do not rattle [1]; 0 where all do."""
     held = particles - rattlers
     return 2.0 * contacts / held if held else 0.0
+
+
+def mean_of_moving(count_n: NDArray[np.int64], rattler_n: NDArray[np.bool_], held_n: NDArray[np.bool_] | None) -> float:
+    """Return the mean of (N,) numbers of contacts over particles that neither rattle nor are held [1]; 0 without any.
+
+    Those of a pile are its grains, not those that its floor is made of.
+    """
+    counted = ~rattler_n if held_n is None else ~rattler_n & ~held_n
+    return float(count_n[counted].mean()) if counted.any() else 0.0
 
 
 @honors("links shapes", packing_only=True)

@@ -163,9 +163,14 @@ def _curve(ax: Any, label: str) -> dict[str, Any]:
     return {"color": COLORS[drawn % len(COLORS)], "label": label or None}
 
 
-def _unit(dimension: int | None, of: str = "energy") -> str:
+def _unit(dimension: int | None, of: str = "energy", length: str = "length") -> str:
     """Return the unit of an energy or mass over an area or a volume, in brackets; None: d is not known."""
-    return f"[{of}/length$^{'d' if dimension is None else dimension}$]"
+    return f"[{of}/{length}$^{'d' if dimension is None else dimension}$]"
+
+
+def _scene_unit(dimension: int) -> str:
+    """Return the unit of pressures in a scene's own: its energy scale over its reference diameter^d."""
+    return _unit(dimension, "energy scale", "diameter")
 
 
 def _finish(ax: Any, title: str = "") -> None:
@@ -593,7 +598,7 @@ def _draw_contacts(found: ContactStatistics, ax: Any) -> None:
 def _draw_quasistatic(run: QuasistaticShear, ax: Any, *, label: str = "") -> None:
     """Draw stress against strain."""
     ax.plot(run.strain_t, run.shear_stress_t, linewidth=1.0, **_curve(ax, label))
-    ax.set(xlabel=r"shear strain $\gamma$", ylabel=f"shear stress {_unit(run.packing.dimension)}")
+    ax.set(xlabel=r"shear strain $\gamma$", ylabel=f"shear stress {_scene_unit(run.packing.dimension)}")
     _finish(ax, f"quasistatic shear: {len(run.avalanches)} avalanches")
 
 
@@ -610,7 +615,7 @@ def _draw_local_yield(found: LocalYield, ax: Any, *, direction: int | None = Non
     inside, _ = packing.box.wrap(found.center_pd)
     place = drawing.projected(inside)[fallen, :2]
     shown = ax.scatter(*place.T, c=stress_p[fallen], cmap="viridis_r", edgecolors="black", zorder=8.0)
-    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label=f"yield stress {_unit(2)}")
+    ax.figure.colorbar(shown, ax=ax, shrink=0.75, label=f"yield stress {_scene_unit(2)}")
     ax.set_title(f"growth of the stress to the first fall, {along}")
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from packmech.calls.status import Progress
+from packmech.dynamics.book import refuse_unknown
 from packmech.dynamics.integrators import INTEGRATORS, VelocityVerlet, choose_time_step
 from packmech.dynamics.simulate import simulate, simulate_from
 from packmech.dynamics.simulation import Simulation
@@ -106,6 +107,9 @@ def _oscillatory_shear(
     named = _arguments(drive, scene, frames, progress, runs_file(checkpoint)) | {"check": False}
     largest, plates, expected = (named.pop(one) for one in ("largest_oscillation", "plates", "expected_stress"))
     rest = None
+    if drive.ledger:
+        # what no ledger knows is refused before the scene comes to rest, not after
+        refuse_unknown("scene.packing", scene)
     if largest is not None:
         asked = {"largest_oscillation": largest, "expected_stress": expected}
         rest = equilibrate(_unbreakable(scene), **asked, **{name: named[name] for name in _AT_REST})

@@ -32,7 +32,7 @@ from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in, resting_forces
-from packmech.measure.counting import mean_contacts, packing_fraction
+from packmech.measure.counting import mean_contacts, mean_of_moving, packing_fraction
 from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
 from packmech.mechanics.elasticity import Moduli, elastic_moduli
@@ -358,12 +358,6 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     backbone = packing.particles - int(rattler_n.sum())
     isostatic: int | None = isostatic_contacts(backbone, packing.dimension, strain, linked.get("backbone_links", 0))
     overlap_c = -contacts.gap_c / contacts.contact_distance_c
-    held, counted = held_particles(scene.effects, packing.particles), {}
-    if held is not None:
-        # of what moves, as with friction: a floor's particles have few contacts
-        count_n, free = contacts.among(~rattler_n).count_n(), ~rattler_n & ~held
-        mean = float(count_n[free].mean()) if free.any() else 0.0
-        counted = {"held": int(held.sum()), "coordination_number": mean}
     return {
         "bears": _carries_force(packing, contacts),
         "largest_overlap": float(overlap_c.max(initial=0.0)) + 0.0,
@@ -372,8 +366,16 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "isostatic_contacts": None if acting else isostatic,
         **({"wall_contacts": len(wall_contacts(scene))} if acting else {}),
         **linked,
-        **counted,
+        **_of_moving(scene, contacts.among(~rattler_n).count_n(), rattler_n),
     }
+
+
+def _of_moving(scene: Scene, count_n: NDArray[np.int64], rattler_n: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return the coordination number of what moves, and how much is held; nothing where nothing is."""
+    held = held_particles(scene.effects, scene.packing.particles)
+    if held is None:
+        return {}
+    return {"held": int(held.sum()), "coordination_number": mean_of_moving(count_n, rattler_n, held)}
 
 
 def _counts_with_friction(scene: Scene, smooth: Mapping[str, Any]) -> dict[str, Any]:
@@ -402,11 +404,14 @@ def _counts_of_shapes(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
 def _counts_on_walls(scene: Scene) -> dict[str, Any]:
     """Return the counts of a packing with shapes that walls, weights or held particles hold, too."""
     network = contact_network(scene.packing, scene.effects, second=False)
+    count_n, rattler_n = np.zeros(scene.packing.particles, dtype=np.int64), np.ones(scene.packing.particles, dtype=bool)
+    count_n[network.index_n], rattler_n[network.index_n] = network.contacts.count_n(), False
     return {
         "rattlers": scene.packing.particles - len(network.index_n),
         "contacts": len(network.contacts),
         "isostatic_contacts": None,
         "wall_contacts": len(wall_contacts(scene)),
+        **_of_moving(scene, count_n, rattler_n),
     }
 
 

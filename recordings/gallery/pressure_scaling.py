@@ -37,5 +37,5 @@ for name in ("bulk_modulus", "excess_coordination", "shear_modulus"):
     fit = pm.fit_power_law(mean.by["pressure"], mean.value_g, mean.error_g)
     ax = pm.plot(mean, ax, log=True, label=f"{name.replace('_', ' ')}, exponent {fit.exponent:.2f}")
     print(f"exponent of {name.replace('_', ' ')} = {fit.exponent:.2f}")
-ax.set(xlabel="pressure $P$ [energy/length$^2$]", ylabel="$z - z_{iso}$ [1], moduli [energy/length$^2$]")
+ax.set(xlabel="pressure $P$ [energy scale/diameter$^2$]", ylabel="$z - z_{iso}$, moduli [energy scale/diameter$^2$]")
 ax.figure.savefig(f"{out}/pressure_scaling.png", dpi=120)

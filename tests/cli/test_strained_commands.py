@@ -191,13 +191,14 @@ def test_bonds_with_limits_do_not_break_while_a_scene_comes_to_rest(folder):
 @pytest.mark.parametrize("name", DRIVES)
 def test_a_drive_accounts_for_its_energy_where_it_says_so(name, folder, capsys):
     assert run(f"{name}.toml", "--set", "drive.ledger=true", "--json", "a.json") == 0
-    ledgers = {key: value for key, value in json.loads((folder / "a.json").read_text()).items() if "ledger" in key}
+    found = json.loads((folder / "a.json").read_text())["ledger"]
+    ledgers = found if name == "flow" else [found]
     assert len(ledgers) == (2 if name == "flow" else 1)
-    for one in ledgers.values():
+    for one in ledgers:
         kinds = ("work", "stored", "dissipated", "integrator")
         work, stored, dissipated, left = (sum(one[kind].values()) for kind in kinds)
         assert one["closed"] and work != 0.0
         # of energies of the order of 1e-3
         assert work == pytest.approx(one["kinetic"] + stored + dissipated + left, abs=1e-13)
     said = capsys.readouterr().out
-    assert said.count("where the energy went") == len(ledgers)
+    assert said.count("where the energy went") == len(ledgers) and "energy ledger" in said

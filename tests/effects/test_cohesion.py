@@ -1,5 +1,6 @@
 """Facts about cohesive contacts: pull-off, works of separation, collisions, stiffness, and what is remembered."""
 
+import collections
 import math
 from typing import NamedTuple
 
@@ -393,6 +394,9 @@ def test_a_particle_that_slides_on_a_cohesive_contact_feels_friction_without_a_l
         assert slowed == pytest.approx(-0.3 * cap, rel=2e-2)
 
 
+INTERACTION = ("interaction_energy", "interaction_first", "interaction_second")
+
+
 @pm.effect
 class Ratchet(NamedTuple):
     """A well as deep as the largest overlap that a pair ever had, up to a tenth beyond contact."""
@@ -450,6 +454,25 @@ def test_what_remembers_is_refused_where_nothing_could_be_remembered():
 
             def pair_energy(self, distance, contact_distance):
                 return 0.0
+
+
+def test_what_is_said_to_begin_at_contact_and_does_not_is_refused():
+    hooks = {name: vars(Ratchet)[name] for name in ("reach", "remember", *INTERACTION)}
+    with pytest.raises(TypeError, match="begins_at_contact must be True or False for the whole class"):
+        pm.effect(named_effect("Odd", {**hooks, "memory": 1, "begins_at_contact": 1}))
+    with pytest.raises(TypeError, match="False where it has no memory"):
+        pm.effect(named_effect("Bare", {"pair_energy": lambda self, r, s: 0.0, "begins_at_contact": True}))
+    early = {**hooks, "remember": lambda self, r, s, memory: (1.1 * s - r,)}
+    with pytest.raises(ValueError, match="must be zero of pairs apart that hold zeros.* at distance"):
+        pm.effect(named_effect("Early", {**early, "memory": 1, "begins_at_contact": True}))
+
+
+def named_effect(name, attributes):
+    """Return a class of effects without fields but a strength, with these attributes."""
+    made = collections.namedtuple(name, ["strength"], defaults=[0.5])  # noqa: PYI024
+    for key, value in attributes.items():
+        setattr(made, key, value)
+    return made
 
 
 def test_the_jkr_root_is_that_of_newtons_method_from_breaking_to_deep_overlaps():

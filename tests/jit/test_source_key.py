@@ -189,3 +189,15 @@ def test_imports_are_found_as_a_parser_finds_them():
                 if name.split(".")[0] == "packmech" and name != "packmech":
                     found.update(module_files(name))
         assert imported_files(code) == found, path.name
+
+
+def test_the_key_of_a_class_depends_on_its_attributes_that_are_numbers():
+    """Whether an effect begins at contact is compiled in, and no method says so."""
+
+    def made(**attributes):
+        return type("Sticky", (), {"__module__": "mine", "reach": lambda self, x: 1.1 * x, **attributes})
+
+    plain, same, other, more = (
+        source_key(made(**one)) for one in ({}, {}, {"begins_at_contact": True}, {"begins_at_contact": False})
+    )
+    assert plain == same and len({plain, other, more}) == 3

@@ -239,8 +239,10 @@ def test_the_verdict_of_the_hard_packing_stands_beside_one_that_overlaps_hide():
     assert (report.numbers["hard_collective"], report.numbers["hard_strict"]) == (exact.collective, exact.strict)
     assert exact.strict == "jammed" and "hard packing  " in str(report.summary())
     # which says once why, in a line that fits, and the verdict itself says it in full
-    assert "the hard packing, below" in str(report.summary()) and "off its plateau" not in str(report.summary())
-    assert "off its plateau" in str(report.verdict) and str(report.verdict).count("off its plateau") == 1
+    shown = str(report.summary())
+    assert shown.count("off its plateau (see touching); the hard packing, below") == 1
+    assert shown.count("for the same reason") == 1 and "judge the hard packing" not in shown
+    assert str(report.verdict).count("off its plateau") == 1 == str(report.verdict).count("judge the hard packing")
     low = pm.jam(scene, pressure=1e-8)
     near = examine(scene.replace(packing=low.packing), run=low, strain="free", modes=0)
     assert near.numbers["strict"] == "jammed" and "hard_strict" not in near.numbers
