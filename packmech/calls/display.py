@@ -6,6 +6,7 @@ import dataclasses
 import html
 import importlib
 import math
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
@@ -31,7 +32,7 @@ _PICTURE = "packmech.plotting.plot:picture_of"
 def value_with_error(value: float, error: float, sign: str = "+-") -> str:
     """Return a value to the digit of its error, and the error; the value alone where no error is known."""
     largest = max(abs(value), error)
-    if not (math.isfinite(largest) and error > _ROUNDING * largest):
+    if not (math.isfinite(largest) and error > max(_ROUNDING * largest, sys.float_info.min)):
         return f"{value:.6g}" if math.isnan(error) else f"{value:.6g} {sign} {error:.1g}"
     # the place of the first digit of the error; one of .96 is written as 1
     place = math.floor(math.log10(float(f"{error:.0e}")))

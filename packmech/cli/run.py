@@ -295,11 +295,13 @@ def _measured(run: Run, after: Scene) -> dict[str, Any]:
 
 def _show_ledgers(done: Any) -> dict[str, Any]:
     """Print where the energy of each run went, if it was accounted for; return it by name, of several runs a list."""
-    found = [(one.ledger, label) for one, label in _labeled(done) if getattr(one, "ledger", None) is not None]
-    for ledger, label in found:
-        rows = [ledger.row(), *ledger.rows()]
-        show(table(f"where the energy went {label}".strip(), ("", "", ""), rows, right=()))
-    listed = [ledger.to_dict() for ledger, _ in found]
+    listed = []
+    for one, label in _labeled(done):
+        ledger = getattr(one, "ledger", None)
+        if ledger is not None:
+            rows = [ledger.row(), *ledger.rows()]
+            show(table(f"where the energy went {label}".strip(), ("", "", ""), rows, right=()))
+            listed.append(ledger.to_dict())
     return {"ledger": listed if hasattr(done, "runs") else listed[0]} if listed else {}
 
 
