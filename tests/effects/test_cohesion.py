@@ -149,7 +149,7 @@ def test_a_bridge_has_the_force_of_its_formula_until_its_rupture():
     depth = 0.5 * h * (-1.0 + math.sqrt(1.0 + 2.0 * 1e-4 / (math.pi * r * h * h)))
     force = 2.0 * math.pi * r * 0.01 * math.cos(0.3) / (1.0 + h / (2.0 * depth))
     assert pull(wet, SIGMA + h) == pytest.approx(force, rel=1e-12)
-    assert pull(wet, SIGMA + h, (0.0,)) == 0.0
+    assert wet.interaction_first(SIGMA + h, SIGMA, 1.0, (0.0,)) == (0.0, 0.0)
     assert pull(wet, 0.98) == pytest.approx(2.0 * math.pi * r * 0.01 * math.cos(0.3), rel=1e-12)
 
 
