@@ -52,7 +52,8 @@ class LocalYield(Run):
         (P, K) shear strains of the last equilibrium before the first plastic fall; infinite where there was none up to
         the largest strain, nan where the patch was not done or did not come to rest [1].
     yield_stress_pk
-        (P, K) what the shear stress of the patch had grown by there [energy_scale / diameter^2].
+        (P, K) what the shear stress of the patch had grown by there, infinite and nan where the strain is
+        [energy_scale / diameter^2].
     start_stress_pk
         (P, K) its shear stress at the start, along the same direction [energy_scale / diameter^2].
     energy_drop_pk
@@ -71,9 +72,16 @@ class LocalYield(Run):
 
     @property
     def weakest_p(self) -> NDArray[np.float64]:
-        """The (P,) least growth of stress to a fall over all directions; nan without any [energy_scale/diameter^2]."""
-        fallen = np.where(np.isfinite(self.yield_stress_pk), self.yield_stress_pk, np.inf).min(axis=1)
-        return np.where(np.isfinite(fallen), fallen, np.nan)
+        """The (P,) least growth of stress to a fall over the directions that came to rest [energy_scale/diameter^2]."""
+        return np.fmin.reduce(self.yield_stress_pk, axis=1)
+
+    @property
+    def weakest(self) -> tuple[int, int] | None:
+        """The patch and the direction, by number, that fall at the least growth of stress; None where none fell."""
+        if not np.isfinite(self.yield_stress_pk).any():
+            return None
+        patch, direction = divmod(int(np.nanargmin(self.yield_stress_pk)), len(self.direction_k))
+        return patch, direction
 
     @property
     def title(self) -> str:
@@ -90,17 +98,23 @@ class LocalYield(Run):
             "radius": self.radius,
             "fallen": len(fallen),
             "smallest_yield_stress": float(fallen.min()) if len(fallen) else math.nan,
+            "weakest": None if self.weakest is None else list(self.weakest),
             "mean_yield_stress": float(fallen.mean()) if len(fallen) else math.nan,
         }
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
-        found, asked = self.to_dict(), self.yield_strain_pk.size
+        found, asked, where = self.to_dict(), self.yield_strain_pk.size, ""
+        if self.weakest is not None:
+            patch, direction = self.weakest
+            x, y = self.center_pd[patch]
+            degrees = math.degrees(self.direction_k[direction])
+            where = f"; patch {patch} at ({x:.4g}, {y:.4g}), flow along {degrees:.3g} degrees"
         return [
             *self.outcome_rows(),
             ("patches", str(found["patches"]), f"of radius {self.radius:.4g}, {self.free_p.mean():.3g} particles"),
             ("fallen", f"{found['fallen']} of {asked}", "patches and directions"),
-            ("smallest yield stress", f"{found['smallest_yield_stress']:.4g}", "energy_scale / diameter^2"),
+            ("smallest yield stress", f"{found['smallest_yield_stress']:.4g}", f"energy_scale / diameter^2{where}"),
             ("mean yield stress", f"{found['mean_yield_stress']:.4g}", "energy_scale / diameter^2"),
             ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
         ]
@@ -305,7 +319,8 @@ class _Patches:
         unit, found = self.scene.pressure_unit, self.found
         self.free_p[p] = int(patch.free_n.sum())
         if not self.free_p[p] or not resting_forces(patch.scene).mean_force > 0.0:
-            found["yield_strain"][p, k], found["start_stress"][p, k] = math.inf, 0.0
+            found["yield_strain"][p, k] = found["yield_stress"][p, k] = math.inf
+            found["start_stress"][p, k] = 0.0
             return
         start = patch.shear_stress(patch.scene.packing)
         found["start_stress"][p, k] = start / unit
@@ -321,7 +336,8 @@ class _Patches:
         self.residual = max(self.residual, run.residual)
         fallen = next((one for one in run.avalanches if one.plastic), None)
         if fallen is None:
-            found["yield_strain"][p, k] = math.inf if run.outcome is Outcome.FINISHED else math.nan
+            held = math.inf if run.outcome is Outcome.FINISHED else math.nan
+            found["yield_strain"][p, k] = found["yield_stress"][p, k] = held
             self.stalled |= run.outcome is not Outcome.FINISHED
             return
         found["yield_strain"][p, k] = fallen.strain - fallen.width
