@@ -53,4 +53,5 @@ def new(
     with replacing(target_file(file)) as partial:
         partial.write_text(commented_scene(tables), encoding="utf-8")
     verb = "jam" if tables.get("drive", {}).get("kind", "jam") == "jam" else "run"
-    show(f"wrote {file}   (next: packmech {verb} {file})")
+    loaded = "".join(f" --load {one}" for one in load)
+    show(f"wrote {file}   (next: packmech {verb} {file}{loaded})")

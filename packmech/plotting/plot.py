@@ -77,9 +77,10 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
         Axes of matplotlib to draw on; new ones unless given.
     options
         Of a packing: `forces=False`, `copies=False` and `color=` "role", "size" or (N,) numbers with `label=`. Of modes
-        and motions: `packing=`, `mode=`, `scale=`. Of moduli: `tangent=` "cauchy", "energy" or "affine". Others as
-        above; `log=True` gives logarithmic axes, on which negative moduli are empty marks at their size, and `label=`
-        names a curve, so that several on the same axes differ in color and have a legend.
+        and motions: `packing=`, `mode=`, `scale=`. Of moduli: `tangent=` "cauchy", "energy" or "affine". Of work and
+        precision: `over=` "time" or "setting". Others as above; `log=True` gives logarithmic axes, on which negative
+        moduli are empty marks at their size, and `label=` names a curve, so that several on the same axes differ in
+        color and have a legend.
 
     Raises
     ------
@@ -821,20 +822,23 @@ def _draw_histogram(found: Histogram, ax: Any, *, log: bool = False, label: str 
 
 
 @_draws(WorkPrecision)
-def _draw_accuracy(found: WorkPrecision, ax: Any) -> None:
-    """Draw the errors of each method against its time: a color for each method, a mark for each quantity."""
+def _draw_accuracy(found: WorkPrecision, ax: Any, *, over: str = "time") -> None:
+    """Draw errors against CPU time or the setting: a color for each method, a mark for each quantity."""
+    one_of("over", over, ("time", "setting"))
     several = len(found.quantities) > 1
     for k, method in enumerate(found.methods):
         for q, name in enumerate(found.quantities):
             trials = [one for one in found.of(method) if not one.failed and name in one.errors]
             if not trials:
                 continue
-            error, seconds = [one.errors[name] for one in trials], [one.seconds for one in trials]
+            error = [one.errors[name] for one in trials]
+            across = [one.seconds if over == "time" else one.setting for one in trials]
             mark = MARKERS[(q if several else k) % len(MARKERS)]
             label = ", ".join(filter(None, (method, error_heading(name) if several else ""))) or None
-            ax.plot(seconds, error, color=COLORS[k % len(COLORS)], marker=mark, markersize=4.0, label=label)
+            ax.plot(across, error, color=COLORS[k % len(COLORS)], marker=mark, markersize=4.0, label=label)
     axis = "error" if several or not found.quantities else error_heading(found.quantities[0])
-    ax.set(xlabel="CPU time [s]", ylabel=axis, xscale="log", yscale="log", title=found.title)
+    words = "CPU time [s]" if over == "time" else found.knob
+    ax.set(xlabel=words, ylabel=axis, xscale="log", yscale="log", title=found.title)
     if ax.get_legend_handles_labels()[1]:
         ax.legend(frameon=False)
 

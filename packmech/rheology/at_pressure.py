@@ -125,6 +125,11 @@ class PressureShear(Run):
         return tuple(found)
 
     @property
+    def time_t(self) -> NDArray[np.float64]:
+        """The (T,) times since the start [time]."""
+        return self.strain_t / self.rate
+
+    @property
     def stress_ratio(self) -> tuple[float, float]:
         """Mean shear stress over the mean pressure, and its error [1]."""
         stress, error = self.mean(self.shear_stress_t)
@@ -215,8 +220,9 @@ def shear_at_pressure(
     dt
         Time step; a tenth of the shortest time of a contact unless given.
     ledger
-        Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at. Not
-        with thermal noise, nor with shapes other than spheres in space.
+        Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at, from
+        the start on, whatever `skip_strain` is. Of a start with overlaps most of the energy is that of these: go on
+        from `run.packing`. Not with thermal noise, nor with shapes other than spheres in space.
     time_limit
         Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress

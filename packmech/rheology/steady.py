@@ -80,7 +80,8 @@ def ramp_strain(
         "shear" along the first and with the gradient along the second of the axes; "uniaxial" along the first;
         "isotropic".
     samples
-        How often figures are kept.
+        How often figures are kept. Each falls on the end of a step: steps are as long as `dt` at most, and no longer
+        than from one to the next. `run.dt` says how long they were.
     dt, method, velocity_nd, spin_nk, held_n, frames, time_limit, progress, checkpoint, check
         As in `oscillatory_shear`; `time_limit` and interrupts keep what was reached.
 

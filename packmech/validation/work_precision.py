@@ -55,13 +55,15 @@ class WorkPrecision:
         """Names of the quantities whose errors were measured."""
         return tuple(dict.fromkeys(name for trial in self.trials for name in trial.errors))
 
-    def of(self, method: str) -> tuple[Trial, ...]:
-        """Trials of one method, from the coarsest setting (the largest) to the finest."""
+    def of(self, method: str | None = None) -> tuple[Trial, ...]:
+        """Trials of one method, of the only one unless named, from the coarsest setting (the largest) to the finest."""
+        if method is None and len(self.first_seconds) == 1:
+            method = self.methods[0]
         if method not in self.first_seconds:
             raise ValueError(f"method must be one of {list(self.methods)}, got {method!r}")
         return tuple(sorted((t for t in self.trials if t.method == method), key=lambda trial: -trial.setting))
 
-    def fit(self, method: str, *, quantity: str | None = None) -> OrderFit:
+    def fit(self, method: str | None = None, *, quantity: str | None = None) -> OrderFit:
         """Power law and floor fitted to one method's errors; failed trials are left out.
 
         Raises
@@ -77,11 +79,11 @@ class WorkPrecision:
         ]
         return fit_power_law([setting for setting, _ in point_td], [error for _, error in point_td])
 
-    def order(self, method: str, *, quantity: str | None = None) -> float:
+    def order(self, method: str | None = None, *, quantity: str | None = None) -> float:
         """Order of convergence: the exponent p of error ~ setting**p above the floor."""
         return self.fit(method, quantity=quantity).order
 
-    def floor(self, method: str, *, quantity: str | None = None) -> float:
+    def floor(self, method: str | None = None, *, quantity: str | None = None) -> float:
         """Error below which finer settings do not help; 0 where the trials did not reach one."""
         return self.fit(method, quantity=quantity).floor
 

@@ -195,6 +195,15 @@ def test_modes_and_motions_are_arrows_on_their_packing():
         assert ax.get_title() and rendered(ax)
 
 
+def test_errors_are_drawn_against_the_setting_where_that_is_asked():
+    found = pm.work_precision(lambda h: h**2, [0.1, 0.05, 0.025], 0.0, knob="time step")
+    ax = pm.plot(found, over="setting")
+    assert ax.get_xlabel() == "time step"
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), [[h, h**2] for h in (0.1, 0.05, 0.025)])
+    with pytest.raises(ValueError, match="over must be"):
+        pm.plot(found, over="steps")
+
+
 def test_an_avalanche_is_drawn_around_its_place():
     start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=1)
     scene = pm.Scene(start, (pm.Repulsion(),))

@@ -248,3 +248,12 @@ def test_one_bound_is_for_all_quantities_and_bounds_by_name_for_those_named():
     assert pm.WorkPrecision((lucky, *trials), {"only": 0.0}).cheapest(error_below=0.1).seconds == 0.1
     ax = pm.plot(table)
     assert [one.get_text() for one in ax.get_legend().get_texts()] == ["only, error in energy", "only, error in stress"]
+
+
+def test_the_only_method_need_not_be_named():
+    table = work_precision(lambda h: h**2, HALVINGS, 0.0)
+    (name,) = table.methods
+    assert table.order() == table.order(name) == pytest.approx(2.0, abs=1e-6)
+    assert table.of() == table.of(name)
+    with pytest.raises(ValueError, match="method must be one of"):
+        work_precision({"a": abs, "b": abs}, HALVINGS, 0.0).of()

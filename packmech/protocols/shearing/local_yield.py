@@ -73,7 +73,8 @@ class LocalYield(Run):
     @property
     def weakest_p(self) -> NDArray[np.float64]:
         """The (P,) least growth of stress to a fall over the directions that came to rest [energy_scale/diameter^2]."""
-        return np.fmin.reduce(self.yield_stress_pk, axis=1)
+        least: NDArray[np.float64] = np.fmin.reduce(self.yield_stress_pk, axis=1)
+        return least
 
     @property
     def weakest(self) -> tuple[int, int] | None:
