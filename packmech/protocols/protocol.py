@@ -42,6 +42,8 @@ from packmech.packing import Packing
 from packmech.result import Condition, Outcome, Run, Stage, unmet_conditions
 from packmech.scene import Scene
 
+# what helps packings of chains and clusters that end unjammed
+_OF_LINKED = "a start without deep overlaps (largest_overlap=0.2, packing_fraction=0.4) or a higher pressure may help"
 # largest net force over mean contact force of a packing that a protocol goes on from
 _BALANCED = 1e-3
 # numbers times steps of a relaxation between two packings that an interrupt leaves, and steps where someone watches
@@ -546,7 +548,8 @@ def run_of(
         conditions.append(Condition("pressure", report["pressure"], asked, max(tolerance, PRESSED)))
     if "backbone_pressure" in report:
         borne = 1.0 - report["backbone_pressure"]
-        conditions.append(Condition("part of the pressure that rattlers bear", borne, BORNE_BY_RATTLERS))
+        hint = _OF_LINKED if len(packing.links) else ""
+        conditions.append(Condition("part of the pressure that rattlers bear", borne, BORNE_BY_RATTLERS, hint=hint))
     if report.get("negative_modes") is not None:
         conditions.append(Condition("unstable directions", report["negative_modes"], 0))
     if "distance" in report:
