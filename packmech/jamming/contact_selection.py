@@ -78,6 +78,10 @@ class ContactSelection:
     widest: Contacts | None = None
     backbone: tuple[Contacts, NDArray[np.int64]] | None = None
 
+    def __str__(self) -> str:
+        within = "as given" if self.rule == "given" else f"gaps up to {self.tolerance:.1e} ({self.rule})"
+        return f"{len(self.contacts)} pairs, {within}"
+
     @property
     def on_plateau(self) -> bool:
         """Whether the excess contacts are the same at all levels, and all or none of the networks are empty."""
@@ -171,6 +175,10 @@ class RestCheck:
     floor: float
     limit: float
     law: str
+
+    def __str__(self) -> str:
+        answer = "at rest" if self.at_rest else "not at rest"
+        return f"{answer}: net forces up to {self.residual:.1e} of the mean contact force, allowed {self.limit:.1e}"
 
     @property
     def at_rest(self) -> bool:

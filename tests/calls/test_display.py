@@ -150,3 +150,10 @@ def test_a_value_is_one_short_line(value, words):
 )
 def test_a_value_is_written_to_the_digit_of_its_error(value, error, words):
     assert value_with_error(value, error) == words
+
+
+def test_a_verdict_shows_its_pairs_and_its_balance_in_words():
+    crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=1e-6)
+    shown = pm.classify_jamming(pm.Scene(crystal, (pm.Repulsion(),)))._repr_html_()
+    assert "48 pairs, gaps up to" in shown and "at rest: net forces up to" in shown
+    assert "RestCheck(" not in shown and "ContactSelection(" not in shown

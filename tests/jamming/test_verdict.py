@@ -131,7 +131,8 @@ def test_ambiguous_verdict_reads_with_its_reason_and_what_the_contacts_alone_wou
     packing = soft().packing
     noise = 1e-9 * np.random.default_rng(0).standard_normal(packing.position_nd.shape)
     text = str(pm.classify_jamming(packing.replace(position_nd=packing.position_nd + noise)))
-    assert text.count("ambiguous") == 3 and text.count("not at rest: the largest net force is") == 3
+    assert text.count("ambiguous") == 3 and text.count("not at rest: the largest net force is") == 2
+    assert text.count("box free to deform, strain free; for the same reason") == 1
     assert "by the contacts as taken: jammed to first order" in text
 
 
