@@ -123,6 +123,8 @@ def test_the_time_step_that_is_chosen_resolves_the_making_and_breaking_of_a_bond
         run = pm.simulate(pm.Scene(packing, (jkr,)), duration=time, velocity_nd=velocity, check=False, ledger=True)
         ledger = run.ledger
         assert ledger.stored["interactions"][-1] == 0.0
+        # up to a step late each, with 8/9 and 5/9 of the pull-off force: at most .05 x 1.44 x 1.07 of the loss at the
+        # sticking speed, in proportion to the speed; 1.07 is pull-off force times range over the loss
         assert ledger.dissipated["interactions"][-1] == pytest.approx(making, rel=0.1)
         assert abs(ledger.kinetic_t[-1] + making - ledger.kinetic_t[0]) < 0.1 * making
 
@@ -469,7 +471,7 @@ def test_what_is_said_to_begin_at_contact_and_does_not_is_refused():
 
 def named_effect(name, attributes):
     """Return a class of effects without fields but a strength, with these attributes."""
-    made = collections.namedtuple(name, ["strength"], defaults=[0.5])  # noqa: PYI024
+    made = collections.namedtuple(name, ["strength"], defaults=[0.5])
     for key, value in attributes.items():
         setattr(made, key, value)
     return made
