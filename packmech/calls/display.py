@@ -30,15 +30,21 @@ _PICTURE = "packmech.plotting.plot:picture_of"
 
 
 def value_with_error(value: float, error: float, sign: str = "+-") -> str:
-    """Return a value to the digit of its error, and the error; the value alone where no error is known."""
+    """Return a value to the last digit of its error, and the error; the value alone where no error is known.
+
+    An error has two digits below 3.55 times a power of ten and one above (the rule of the Particle Data Group): 3.5
+    +- 1.7, 12.3 +- 0.4.
+    """
     largest = max(abs(value), error)
     if not (math.isfinite(largest) and error > max(_ROUNDING * largest, sys.float_info.min)):
         return f"{value:.6g}" if math.isnan(error) else f"{value:.6g} {sign} {error:.1g}"
-    # the place of the first digit of the error; one of .96 is written as 1
-    place = math.floor(math.log10(float(f"{error:.0e}")))
+    leading, power = f"{error:.2e}".split("e")
+    # the place of the last digit that is written; an error of .96 is written as 1.0
+    place = int(power) - (float(leading) < 3.55)
     if not 1e-5 < largest < 1e6:
-        digits = max(0, math.floor(math.log10(largest)) - place)
-        return f"{value:.{digits}e} {sign} {error:.1g}"
+        value_digits = max(0, math.floor(math.log10(abs(value))) - place) if value else 0
+        error_digits = math.floor(math.log10(float(f"{error:.0e}"))) - place
+        return f"{value:.{value_digits}e} {sign} {error:.{error_digits}e}"
     value, error = round(value, -place), round(error, -place)
     return f"{value:.{max(0, -place)}f} {sign} {error:.{max(0, -place)}f}"
 
