@@ -114,8 +114,8 @@ class Contacts:
         (C, d) integer vectors: v = x_j - x_i + lattice @ image for the positions as they stand in the packing.
     normal_cd
         (C, d) unit vectors from i to j [1].
-    distance_c, contact_distance_c
-        (C,) center distance and sum of radii [length].
+    distance_c, contact_distance_c, effective_radius_c
+        (C,) center distance, sum of radii, and r_i r_j / (r_i + r_j) [length].
     particles, dimension
         N and d of the packing.
 
@@ -127,6 +127,7 @@ class Contacts:
     normal_cd: NDArray[np.float64]
     distance_c: NDArray[np.float64]
     contact_distance_c: NDArray[np.float64]
+    effective_radius_c: NDArray[np.float64]
     particles: int
     dimension: int
 
@@ -223,6 +224,7 @@ class Contacts:
             self.normal_cd[keep],
             self.distance_c[keep],
             self.contact_distance_c[keep],
+            self.effective_radius_c[keep],
             self.particles,
             self.dimension,
         )
@@ -275,9 +277,9 @@ def distinct_pairs(
 
 @kernel
 def _geometry(position_nd, radius_n, lattice_dd, i_c, j_c, image_cd):  # type: ignore[no-untyped-def]
-    """Return normals, distances and sums of radii of the pairs, and whether no centers coincide."""
+    """Return normals, distances, sums and effective radii of the pairs, and whether no centers coincide."""
     count, d = image_cd.shape
-    normal, distance, sigma = np.empty((count, d)), np.empty(count), np.empty(count)
+    normal, distance, sigma, effective = np.empty((count, d)), np.empty(count), np.empty(count), np.empty(count)
     apart = True
     for c in range(count):
         i, j = i_c[c], j_c[c]
@@ -298,12 +300,13 @@ def _geometry(position_nd, radius_n, lattice_dd, i_c, j_c, image_cd):  # type: i
         length = safe * np.sqrt(square)
         distance[c] = length
         sigma[c] = radius_n[i] + radius_n[j]
+        effective[c] = radius_n[i] * radius_n[j] / sigma[c]
         if largest > 0.0:
             for a in range(d):
                 normal[c, a] /= length
         else:
             apart = False
-    return normal, distance, sigma, apart
+    return normal, distance, sigma, effective, apart
 
 
 def pair_contacts(
@@ -322,13 +325,13 @@ def pair_contacts(
         (C,), (C,), (C, d) pairs and images.
 
     """
-    normal, distance, sigma, apart = _geometry(
+    normal, distance, sigma, effective, apart = _geometry(
         packing.position_nd, packing.radius_n, packing.box.lattice_dd, i_c, j_c, image_cd
     )
     if not apart:
         here = distance == 0.0
         normal[here] = coincident_normal(i_c[here], j_c[here], packing.dimension)
-    return Contacts(i_c, j_c, image_cd, normal, distance, sigma, packing.particles, packing.dimension)
+    return Contacts(i_c, j_c, image_cd, normal, distance, sigma, effective, packing.particles, packing.dimension)
 
 
 def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension: int) -> NDArray[np.float64]:

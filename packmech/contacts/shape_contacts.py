@@ -87,6 +87,13 @@ class ShapeContacts:
         return 1.0 - self.distance_c / self.contact_distance_c
 
     @property
+    def effective_radius_c(self) -> NDArray[np.float64]:
+        """The (C,) values of r_i r_j / (r_i + r_j), of rigid bodies with the radii of the beads that touch [length]."""
+        radius_b = self.shapes.site_radius(self.radius_n)
+        one, other = radius_b[self.site_i_c], radius_b[self.site_j_c]
+        return np.asarray(one * other / (one + other))
+
+    @property
     def push_c(self) -> NDArray[np.float64]:
         """The (C,) sizes of a force of a contact over du/drho [1]."""
         return np.asarray(np.sqrt((self.slope_cx[:, : self.dimension] ** 2).sum(axis=1)))

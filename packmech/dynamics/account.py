@@ -61,9 +61,11 @@ from packmech.dynamics.threads import is_first, wait
 from packmech.dynamics.wall_friction import RoughWalls, slipping_at_wall, visit_wall, walk_walls
 from packmech.effects import Mindlin, RoughContacts, Walls, pair_first, spin_drag
 from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
+from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
+from packmech.minimize.passes.shape_rows import partners_at
 
 # channels that store energy, that dissipate it, and through which work comes in
 STORING = (
@@ -435,10 +437,10 @@ def _formed_and_broken(effects, visiting, laws, pair):
 
 @inlined
 def _remembered_energy(effects, laws, pair, r):
-    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
     column, energy = len(spring_columns(laws.friction, laws.axes)), 0.0
     for one in literal_unroll(effects):
-        energy += remembered_energy(one, r, sigma, memory_at(one, laws.stretch_pk, pair.p, column))
+        energy += remembered_energy(one, r, partners, memory_at(one, laws.stretch_pk, pair.p, column))
         column += memory_size(one)
     return energy
 
@@ -493,7 +495,7 @@ def _account_touch(effects, visiting, laws, pair, k, touch):
     u = relative(laws.rates, laws.axes, laws.body, pair.i, pair.j, pair.dx, pair.dy, pair.dz)
     elastic = 0.0
     for one in literal_unroll(effects):
-        elastic += pair_first(one, touch.rho, touch.sigma)
+        elastic += pair_first(one, touch.rho, partners_at(touch))
     damped = resistance_at(effects, laws, pair, touch, u, elastic)
     normal = normal_under_cap(effects, touch, abs(elastic) * steepness(laws.shapes, touch))
     # what a derivative of one takes up, times the derivatives

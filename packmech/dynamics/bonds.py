@@ -24,6 +24,7 @@ from packmech.dynamics.friction import (
 )
 from packmech.dynamics.stretches import blocks_of
 from packmech.effects import Bonds, law_energy, law_first
+from packmech.effects.partners import equal_partners, partners_of
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.minimize.passes.pair_list import NO_SLOT, Slots, collect
 from packmech.minimize.passes.shape_rows import ShapeTouch
@@ -79,8 +80,8 @@ def bond_vector(axes, body, bonds, lattice, b):
 @device
 def bond_energy(bonds, b, r):
     """Return the energy of a bond's normal spring."""
-    rest = bonds.rest_b[b]
-    return law_energy(bonds.compression, r, rest) if r < rest else law_energy(bonds.tension, r, rest)
+    rest, closed = equal_partners(bonds.rest_b[b]), r < bonds.rest_b[b]
+    return law_energy(bonds.compression, r, rest) if closed else law_energy(bonds.tension, r, rest)
 
 
 def bond_first(compression: Any, tension: Any, r: float, rest: float) -> float:
@@ -94,12 +95,13 @@ def _choose_bond_first(compression: Any, tension: Any, r: Any, rest: Any) -> Any
         # no branch predictor knows whether a bond is stretched: laws of one kind differ by their numbers alone
 
         def alike(compression, tension, r, rest):
-            return law_first(compression if r < rest else tension, r, rest)
+            return law_first(compression if r < rest else tension, r, equal_partners(rest))
 
         return alike
 
     def unlike(compression, tension, r, rest):
-        return law_first(compression, r, rest) if r < rest else law_first(tension, r, rest)
+        pair = equal_partners(rest)
+        return law_first(compression, r, pair) if r < rest else law_first(tension, r, pair)
 
     return unlike
 
@@ -122,7 +124,9 @@ def pull_of_bond(bonds, laws, b, dx, dy, dz):
     else:
         first = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b])
         first += bonds.damping * (ux * nx + uy * ny + uz * nz)
-    touch = ShapeTouch(True, r, body[i, 3] + body[j, 3], nx, ny, nz, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    pair = partners_of(body[i, 3], body[j, 3])
+    sigma, effective = pair.contact_distance, pair.effective_radius
+    touch = ShapeTouch(True, r, sigma, effective, nx, ny, nz, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     slip = slip_of_discs(axes, body, i, j, touch, (ux, uy, uz))
     spring = Spring(bonds.stretch_bk, b, 0)
     x, y, z = stretch_of_force(axes, spring, slip, pace)

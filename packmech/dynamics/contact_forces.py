@@ -63,9 +63,11 @@ from packmech.effects.interaction import (
     remembers,
 )
 from packmech.effects.pair import hook_of
+from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, inlined
 from packmech.minimize.passes.pair_list import NO_SLOT, Pair, is_near, visit, walk_pairs
+from packmech.minimize.passes.shape_rows import partners_at
 
 # what stands for no stiffness where a spring is divided by it
 _NO_STIFFNESS = 1e-200
@@ -114,7 +116,7 @@ def energy_of(effects, touch):
     """Return the energy of a contact."""
     energy = 0.0
     for one in literal_unroll(effects):
-        energy += pair_energy(one, touch.rho, touch.sigma)
+        energy += pair_energy(one, touch.rho, partners_at(touch))
     return energy
 
 
@@ -135,7 +137,7 @@ def _stiffness_of(mindlin, laws, touch):
 def _dashpot_of(damping, laws, pair, touch, u):
     elastic = 0.0
     for one in literal_unroll(laws.effects):
-        elastic += pair_first(one, touch.rho, touch.sigma)
+        elastic += pair_first(one, touch.rho, partners_at(touch))
     _, coefficient = rate_and_dashpot(laws.effects, laws, pair, touch, u, elastic)
     return damping.ratio * coefficient
 
@@ -220,7 +222,7 @@ def rate_and_dashpot(effects, laws, pair, touch, u, elastic):
     rate = rate_of_touch(laws.shapes, laws.axes, laws.body, pair, touch, u)
     mass = inertia_against(laws.shapes, laws.axes, laws.weight_nk, pair, touch)
     energy, second = _law_of_touch(effects, touch)
-    known = TouchingPair(touch.rho, touch.sigma, rate, energy, elastic, second, mass)
+    known = TouchingPair(touch.rho, touch.sigma, rate, energy, elastic, second, mass, touch.effective_radius)
     coefficient = 0.0
     for one in literal_unroll(effects):
         coefficient += pair_damping(one, known)
@@ -245,8 +247,8 @@ def _law_of_touch(effects, touch):
     energy = 0.0
     second = 0.0
     for one in literal_unroll(effects):
-        energy += pair_energy(one, touch.rho, touch.sigma)
-        second += pair_second(one, touch.rho, touch.sigma)
+        energy += pair_energy(one, touch.rho, partners_at(touch))
+        second += pair_second(one, touch.rho, partners_at(touch))
     return energy, second
 
 
@@ -258,7 +260,7 @@ def normal_under_cap(effects: Any, touch: Any, normal: Any) -> Any:
 @inlined
 def _with_cohesion(effects, touch, normal):
     for one in literal_unroll(effects):
-        normal += cap_force(one, touch.rho, touch.sigma)
+        normal += cap_force(one, touch.rho, partners_at(touch))
     return max(normal, 0.0)
 
 
@@ -286,7 +288,7 @@ def pull_of_touch(laws, pair, k, touch):
     u = relative(laws.rates, laws.axes, laws.body, pair.i, pair.j, pair.dx, pair.dy, pair.dz)
     elastic = 0.0
     for one in literal_unroll(effects):
-        elastic += pair_first(one, touch.rho, touch.sigma)
+        elastic += pair_first(one, touch.rho, partners_at(touch))
     first = elastic + resistance_at(effects, laws, pair, touch, u, elastic)
     normal = abs(elastic) * steepness(laws.shapes, touch)
     under_cap = normal_under_cap(effects, touch, normal)
@@ -305,11 +307,11 @@ def _forgetful_law(effects, laws, pair, r):
 
 @inlined
 def _remembering_law(effects, laws, pair, r):
-    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
     column = len(spring_columns(laws.friction, laws.axes))
     energy = first = 0.0
     for one in literal_unroll(effects):
-        law = remembering_law(one, r, sigma, 1.0, memory_at(one, laws.stretch_pk, pair.p, column))
+        law = remembering_law(one, r, partners, 1.0, memory_at(one, laws.stretch_pk, pair.p, column))
         energy += law.energy
         first += law.first
         column += memory_size(one)
@@ -318,11 +320,11 @@ def _remembering_law(effects, laws, pair, r):
 
 @inlined
 def _slope_alone(effects, laws, pair, r):
-    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
     column = len(spring_columns(laws.friction, laws.axes))
     first = 0.0
     for one in literal_unroll(effects):
-        first += remembering_slope(one, r, sigma, 1.0, memory_at(one, laws.stretch_pk, pair.p, column))
+        first += remembering_slope(one, r, partners, 1.0, memory_at(one, laws.stretch_pk, pair.p, column))
         column += memory_size(one)
     return PairLaw(0.0, first, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
 
@@ -354,10 +356,10 @@ _slopes_of_pair = by_type(_slopes_of_shapes, {type(None): _slope_of_discs})
 @inlined
 def _remember(effects, laws, pair):
     r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
-    sigma = laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
     column = len(spring_columns(laws.friction, laws.axes))
     for one in literal_unroll(effects):
-        bring_memory(one, r, sigma, laws.stretch_pk, pair.p, column)
+        bring_memory(one, r, partners, laws.stretch_pk, pair.p, column)
         column += memory_size(one)
 
 

@@ -32,6 +32,7 @@ from packmech.effects import (
     roughness_of,
 )
 from packmech.effects.pair import at_overlap, hook_of
+from packmech.effects.partners import pairs_of_sizes
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -377,9 +378,9 @@ def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float
         return [friction]
     size_n = scene.packing.shapes.site_radius(scene.packing.radius_n)
     pairs, found = [one for one in scene.effects if not is_bound(one)], []
-    for sigma in (2.0 * float(size_n.min()), 2.0 * float(size_n.max())):
+    for partners in pairs_of_sizes(size_n):
         for overlap in _OVERLAPS:
-            touch = at_overlap(pairs, overlap, sigma, 0.5 * smallest_mass)
+            touch = at_overlap(pairs, overlap, partners, 0.5 * smallest_mass)
             found.append(at_contact(friction, touch.second, sum(pair_damping(one, touch) for one in pairs)))
     return found
 

@@ -28,7 +28,9 @@ from packmech.effects import (
     remembers,
 )
 from packmech.effects.derivatives import may_jump
+from packmech.effects.interaction import reach_of
 from packmech.effects.pair import at_overlap
+from packmech.effects.partners import equal_partners, pairs_of_sizes
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -144,11 +146,11 @@ def choose_time_step(scene: Scene, fraction: float) -> float:
 def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     """Return the largest stiffness k [energy/length^2], damping c [mass/time] and background drag [1/time] of a scene.
 
-    k is |d2u/dr2| of two particles of one size, of the smallest mass, at an overlap of 0 or 0.1, c the damping of their
-    slow approach; so for bonds
-    at their rest lengths, and for walls, by half their stiffness: that of a particle and its mirror image. Of rigid
-    bodies the beads touch, with their sizes. All count as often as `stiffening` says. Interactions beyond contact count
-    by their largest curvature from an overlap of 0.1 on, along the pair, across it, and by turns in lengths.
+    k is |d2u/dr2| of two of the smallest, mean and largest particles, of the smallest mass, at an overlap of 0 or 0.1,
+    c the damping of their slow approach; so for bonds at their rest lengths, and for walls, by half their stiffness:
+    that of a particle and its mirror image. Of rigid bodies the beads touch, with their sizes. All count as often as
+    `stiffening` says. Interactions beyond contact count by their largest curvature from an overlap of 0.1 on, along the
+    pair, across it, and by turns in lengths.
     """
     packing = scene.packing
     sizes = np.unique(2.0 * packing.shapes.site_radius(packing.radius_n)).tolist()
@@ -156,9 +158,9 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     stiff, damped, drag = [_stiffness_beyond_contact(scene)], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
     smallest = float(packing.mass_n.min())
-    for sigma in sizes:
+    for partners in pairs_of_sizes(packing.shapes.site_radius(packing.radius_n)):
         for overlap in _OVERLAPS:
-            touch = at_overlap(pairs, overlap, sigma, 0.5 * smallest)
+            touch = at_overlap(pairs, overlap, partners, 0.5 * smallest)
             stiff.append(steep * abs(touch.second))
             damped.append(steep * sum(pair_damping(one, touch) for one in pairs))
     for one in scene.effects:
@@ -171,8 +173,9 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             damped.append(turned * one.damping)
         elif isinstance(one, Bonds) and len(one):
             for rest in (float(one.rest_length_b.min()), float(one.rest_length_b.max())):
-                stiff += [abs(law_second(one.compression, (1.0 - overlap) * rest, rest)) for overlap in _OVERLAPS]
-                stiff.append(abs(law_second(one.tension, rest, rest)))
+                pair = equal_partners(rest)
+                stiff += [abs(law_second(one.compression, (1.0 - overlap) * rest, pair)) for overlap in _OVERLAPS]
+                stiff.append(abs(law_second(one.tension, rest, pair)))
             stiff.append(turned * one.tangential_stiffness)
             damped += [one.damping, turned * one.tangential_damping]
         elif isinstance(one, Walls):
@@ -204,12 +207,13 @@ def _rate_of_jumps(scene: Scene) -> float:
     packing, fastest = scene.packing, 0.0
     for one in interactions_of(scene.effects):
         jumps = remembers(one) and may_jump(one)
-        for sigma in (2.0 * packing.radius_n.min(), 2.0 * packing.radius_n.max()) if jumps else ():
-            held = remembered(one, (1.0 - _OVERLAPS[-1]) * sigma, sigma, (0.0,) * memory_size(one))
-            reach = float(one.reach(sigma))
+        for partners in pairs_of_sizes(packing.radius_n) if jumps else ():
+            sigma = partners.contact_distance
+            held = remembered(one, (1.0 - _OVERLAPS[-1]) * sigma, partners, (0.0,) * memory_size(one))
+            reach = reach_of(one, partners)
             # hooks are asked below their reach
             last = reach - _BEFORE * (reach - sigma)
-            lost = remembered_energy(one, last, sigma, held) - remembered_energy(one, sigma, sigma, held)
+            lost = remembered_energy(one, last, partners, held) - remembered_energy(one, sigma, partners, held)
             if not math.isfinite(lost):
                 raise ValueError(
                     f"dt must be given for {type(one).__qualname__}, whose energies at contact and before its reach "
@@ -226,11 +230,13 @@ def _stiffness_beyond_contact(scene: Scene) -> float:
     packing, acting = scene.packing, interactions_of(scene.effects)
     radius, shapes = packing.radius_n, packing.shapes
     stiff = [0.0]
-    for sigma in (2.0 * np.array([radius.min(), radius.mean(), radius.max()])).tolist() if acting else ():
-        reach = max(float(one.reach(sigma)) for one in acting)
-        for r in np.linspace((1.0 - _OVERLAPS[-1]) * sigma, reach, _DISTANCES, endpoint=False).tolist():
+    for partners in pairs_of_sizes(radius) if acting else ():
+        reach = max(reach_of(one, partners) for one in acting)
+        for r in np.linspace(
+            (1.0 - _OVERLAPS[-1]) * partners.contact_distance, reach, _DISTANCES, endpoint=False
+        ).tolist():
             for alignment in _ALIGNMENTS if shapes.has_orientations else (1.0,):
-                laws = [interaction_law(one, r, sigma, alignment) for one in acting]
+                laws = [interaction_law(one, r, partners, alignment) for one in acting]
                 along, push, bending, torque = (
                     abs(sum(getattr(one, name) for one in laws)) for name in ("second", "first", "bending", "turning")
                 )

@@ -25,6 +25,7 @@ from packmech.effects import (
     roughness_of,
 )
 from packmech.effects.pair import at_overlap
+from packmech.effects.partners import equal_partners, pairs_of_sizes
 from packmech.result import Condition
 from packmech.scene import Scene
 
@@ -97,7 +98,9 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
     if bonds is not None and not packing.links:
         bond = float((inverse_mass_n[bonds.i_b] + inverse_mass_n[bonds.j_b]).max())
         rests = (float(bonds.rest_length_b.min()), float(bonds.rest_length_b.max()))
-        spring = min(abs(law_second(law, r, r)) for r in rests for law in (bonds.compression, bonds.tension))
+        spring = min(
+            abs(law_second(law, r, equal_partners(r))) for r in rests for law in (bonds.compression, bonds.tension)
+        )
         found.append(LoneMotion("the normal force of a bond", spring, bonds.damping, bond, False))
         across = bonds.tangential_stiffness, bonds.tangential_damping, turned * bond
         found.append(LoneMotion("the tangential force of a bond", *across, True))
@@ -112,12 +115,11 @@ def _normal(scene: Scene, pairs: list[object], mass: float) -> list[tuple[float,
 
     The reduced mass is that of the lightest pair.
     """
-    diameter_n, beyond = scene.packing.diameter_n, interactions_of(scene.effects)
-    found = []
-    for sigma in (float(diameter_n.min()), float(diameter_n.max())):
+    found, beyond = [], interactions_of(scene.effects)
+    for partners in pairs_of_sizes(scene.packing.radius_n):
         for overlap in _OVERLAPS:
-            touch = at_overlap(pairs, overlap, sigma, mass)
-            spring = touch.second + sum(interaction_law(one, touch.distance, sigma, 1.0).second for one in beyond)
+            touch = at_overlap(pairs, overlap, partners, mass)
+            spring = touch.second + sum(interaction_law(one, touch.distance, partners, 1.0).second for one in beyond)
             found.append((spring, sum(pair_damping(one, touch) for one in pairs)))
     return found
 

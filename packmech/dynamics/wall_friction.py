@@ -41,6 +41,7 @@ from packmech.effects import (
 from packmech.effects.body import dashpot_of
 from packmech.effects.friction import mindlin_stiffness
 from packmech.effects.pair import TouchingPair
+from packmech.effects.partners import equal_partners
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined, lean
 
@@ -101,14 +102,15 @@ def _number(number, wall, touch, rate, mass):
 
 @inlined
 def _stiffness(mindlin, wall, touch, rate, mass):
-    return max(mindlin_stiffness(mindlin, 2.0 * law_second(wall.law, touch.rho, touch.sigma)), 1e-200)
+    return max(mindlin_stiffness(mindlin, 2.0 * law_second(wall.law, touch.rho, equal_partners(touch.sigma))), 1e-200)
 
 
 @inlined
 def _dashpot(damping, wall, touch, rate, mass):
-    at = touch.rho, touch.sigma
-    energy, first, second = law_energy(wall.law, *at), law_first(wall.law, *at), law_second(wall.law, *at)
-    return 2.0 * damping.ratio * dashpot_of(wall.damping, TouchingPair(*at, rate, energy, first, second, mass))
+    law, rho, image = wall.law, touch.rho, equal_partners(touch.sigma)
+    energy, first, second = law_energy(law, rho, image), law_first(law, rho, image), law_second(law, rho, image)
+    pair = TouchingPair(rho, touch.sigma, rate, energy, first, second, mass, image.effective_radius)
+    return 2.0 * damping.ratio * dashpot_of(wall.damping, pair)
 
 
 _stiffness_here = by_type(_number, {Mindlin: _stiffness})
@@ -158,7 +160,8 @@ def slipping_at_wall(one, axes, state, i, touch):
     slip = slip_of_round(
         axes, WallTouch(touch.x, touch.y, touch.z, 0.0, 0.0), (0.5 * touch.rho, 0.0), u, wi, (0.0, 0.0, 0.0)
     )
-    return Slipping(here, slip, _turns_at_wall(rough, axes, wi, slip)), abs(law_first(wall.law, touch.rho, touch.sigma))
+    normal = abs(law_first(wall.law, touch.rho, equal_partners(touch.sigma)))
+    return Slipping(here, slip, _turns_at_wall(rough, axes, wi, slip)), normal
 
 
 @inlined

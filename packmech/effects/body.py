@@ -11,6 +11,7 @@ from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDa
 from packmech.effects.friction import Friction, Mindlin, at_contact
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
 from packmech.effects.pair import TouchingPair, effect, hook_of, pair_damping
+from packmech.effects.partners import equal_partners
 from packmech.effects.rolling import RollingResistance, RoughContacts, TwistingResistance, resistances, roughness_of
 from packmech.jit.compiled import compiled_form, device
 from packmech.packing import Packing
@@ -93,10 +94,10 @@ def first_on_wall(wall: Any, distance: float, contact_distance: float, rate: flo
         As of a `TouchingPair`.
 
     """
-    law = wall.law
-    first = law_first(law, distance, contact_distance)
-    energy, second = law_energy(law, distance, contact_distance), law_second(law, distance, contact_distance)
-    pair = TouchingPair(distance, contact_distance, rate, energy, first, second, mass)
+    law, image = wall.law, equal_partners(contact_distance)
+    first = law_first(law, distance, image)
+    energy, second = law_energy(law, distance, image), law_second(law, distance, image)
+    pair = TouchingPair(distance, contact_distance, rate, energy, first, second, mass, image.effective_radius)
     return first + dashpot_of(wall.damping, pair) * rate
 
 
@@ -204,9 +205,9 @@ class Walls(NamedTuple):
             at = z
         energy = 0.0
         if at - self.low < radius:
-            energy += 0.5 * law_energy(self.law, 2.0 * (at - self.low), 2.0 * radius)
+            energy += 0.5 * law_energy(self.law, 2.0 * (at - self.low), equal_partners(2.0 * radius))
         if self.high - at < radius:
-            energy += 0.5 * law_energy(self.law, 2.0 * (self.high - at), 2.0 * radius)
+            energy += 0.5 * law_energy(self.law, 2.0 * (self.high - at), equal_partners(2.0 * radius))
         return energy
 
     def body_second(
@@ -220,9 +221,9 @@ class Walls(NamedTuple):
             at = z
         second = 0.0
         if at - self.low < radius:
-            second += 2.0 * law_second(self.law, 2.0 * (at - self.low), 2.0 * radius)
+            second += 2.0 * law_second(self.law, 2.0 * (at - self.low), equal_partners(2.0 * radius))
         if self.high - at < radius:
-            second += 2.0 * law_second(self.law, 2.0 * (self.high - at), 2.0 * radius)
+            second += 2.0 * law_second(self.law, 2.0 * (self.high - at), equal_partners(2.0 * radius))
         if self.axis == 0.0:
             return second, 0.0, 0.0, 0.0, 0.0, 0.0
         if self.axis == 1.0:
@@ -231,7 +232,7 @@ class Walls(NamedTuple):
 
     def body_stiffness(self, radius: float, overlap: float = 1e-6) -> float:
         """Return the stiffness at a relative overlap [energy/length^2]."""
-        return 2.0 * abs(law_second(self.law, 2.0 * radius * (1.0 - overlap), 2.0 * radius))
+        return 2.0 * abs(law_second(self.law, 2.0 * radius * (1.0 - overlap), equal_partners(2.0 * radius)))
 
     def resistances(self, radii: Iterable[float], mass: float) -> list[Any]:
         """Return what acts across contacts of particles of these radii: friction, what resists rolling and twisting.
@@ -251,9 +252,11 @@ class Walls(NamedTuple):
 
     def body_damping(self, radius: float, mass: float, overlap: float = 0.1) -> float:
         """Return the coefficient of the dashpot of a particle and its image, at a relative overlap [mass/time]."""
-        at = 2.0 * radius * (1.0 - overlap), 2.0 * radius
-        energy, first, second = (part(self.law, *at) for part in (law_energy, law_first, law_second))
-        return dashpot_of(self.damping, TouchingPair(*at, 0.0, energy, first, second, 0.5 * mass))
+        image = equal_partners(2.0 * radius)
+        distance = (1.0 - overlap) * image.contact_distance
+        energy, first, second = (part(self.law, distance, image) for part in (law_energy, law_first, law_second))
+        pair = TouchingPair(distance, 2.0 * radius, 0.0, energy, first, second, 0.5 * mass, image.effective_radius)
+        return dashpot_of(self.damping, pair)
 
 
 def rough_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:

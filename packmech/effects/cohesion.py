@@ -1,9 +1,7 @@
 """Cohesion of discs and spheres: contacts that pull, with and without a memory of having touched.
 
 All are interactions (`packmech.effects.interaction`): they act along the line of centers, beside a `Repulsion` or, as
-`JKR` does, in its place. The effective radius R = r_i r_j / (r_i + r_j) is taken as that of two equal spheres of the
-same contact distance, R = sigma / 4, as laws know contact distances alone: exact for equal spheres; of radii in a ratio
-of 1.4 it is 3 % too large.
+`JKR` does, in its place. R is the effective radius r_i r_j / (r_i + r_j) of the two.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from packmech.effects.pair import effect
+from packmech.effects.partners import Partners
 from packmech.jit.compiled import device
 
 # part by which the cube of a remembered square may be off [1]
@@ -106,7 +105,7 @@ class DMT(NamedTuple):
     Examples
     --------
     >>> pull = DMT(adhesion=0.01, separation=0.01)
-    >>> round(pull.interaction_first(0.99, 1.0, 1.0)[0] / (2 * math.pi * 0.01 * 0.25), 12)
+    >>> round(pull.interaction_first(0.99, Partners(1.0, 0.25), 1.0)[0] / (2 * math.pi * 0.01 * 0.25), 12)
     1.0
 
     """
@@ -121,40 +120,38 @@ class DMT(NamedTuple):
             return f"separation must be positive, got {self.separation!r}"
         return "" if self.cut > 0.0 else f"cut must be positive, got {self.cut!r}"
 
-    def reach(self, contact_distance: float) -> float:
+    def reach(self, partners: Partners) -> float:
         """Return the distance beyond which it is zero [length]."""
-        return contact_distance + self.cut * self.separation
+        return partners.contact_distance + self.cut * self.separation
 
-    def cap_force(self, distance: float, contact_distance: float) -> float:
+    def cap_force(self, distance: float, partners: Partners) -> float:
         """Return the normal force under Coulomb's cap beside the repulsion: -F + 2 F [force]."""
-        return 0.5 * math.pi * self.adhesion * contact_distance
+        return 2.0 * math.pi * self.adhesion * partners.effective_radius
 
-    def interaction_energy(self, distance: float, contact_distance: float, alignment: float) -> float:
+    def interaction_energy(self, distance: float, partners: Partners, alignment: float) -> float:
         """Return the energy [energy]."""
-        pull = 0.5 * math.pi * self.adhesion * contact_distance
+        pull = 2.0 * math.pi * self.adhesion * partners.effective_radius
         last = 1.0 + self.cut
         lowest = 1.0 / (last * last)
-        gap = (distance - contact_distance) / self.separation
+        gap = (distance - partners.contact_distance) / self.separation
         at = 1.0 + max(gap, 0.0)
         beyond = (1.0 / at - 1.0 / last - lowest * (last - at)) / (1.0 - lowest)
         return pull * self.separation * (min(gap, 0.0) - beyond)
 
-    def interaction_first(self, distance: float, contact_distance: float, alignment: float) -> tuple[float, float]:
+    def interaction_first(self, distance: float, partners: Partners, alignment: float) -> tuple[float, float]:
         """Return the slopes by distance [force] and alignment [energy]."""
-        pull = 0.5 * math.pi * self.adhesion * contact_distance
+        pull = 2.0 * math.pi * self.adhesion * partners.effective_radius
         lowest = 1.0 / ((1.0 + self.cut) * (1.0 + self.cut))
-        at = 1.0 + max((distance - contact_distance) / self.separation, 0.0)
+        at = 1.0 + max((distance - partners.contact_distance) / self.separation, 0.0)
         return pull * (1.0 / (at * at) - lowest) / (1.0 - lowest), 0.0
 
-    def interaction_second(
-        self, distance: float, contact_distance: float, alignment: float
-    ) -> tuple[float, float, float]:
+    def interaction_second(self, distance: float, partners: Partners, alignment: float) -> tuple[float, float, float]:
         """Return the second derivatives: by distance [force/length], both, alignment."""
-        if distance < contact_distance:
+        if distance < partners.contact_distance:
             return 0.0, 0.0, 0.0
-        pull = 0.5 * math.pi * self.adhesion * contact_distance
+        pull = 2.0 * math.pi * self.adhesion * partners.effective_radius
         lowest = 1.0 / ((1.0 + self.cut) * (1.0 + self.cut))
-        at = 1.0 + (distance - contact_distance) / self.separation
+        at = 1.0 + (distance - partners.contact_distance) / self.separation
         return -2.0 * pull / (self.separation * at * at * at * (1.0 - lowest)), 0.0, 0.0
 
 
@@ -179,12 +176,12 @@ def jkr_root(overlap: float) -> float:
 
 
 @device
-def jkr_square(modulus: float, adhesion: float, contact_distance: float, before: float) -> float:
+def jkr_square(modulus: float, adhesion: float, radius: float, before: float) -> float:
     """Return the square of the length that contact radii are x^2 of; the number before, where it is that one.
 
     A root of the third power takes as long as all else of a contact.
     """
-    cube = 2.0 * math.pi * adhesion * 0.0625 * contact_distance * contact_distance / modulus
+    cube = 2.0 * math.pi * adhesion * radius * radius / modulus
     cube *= cube
     if abs(before * before * before - cube) <= _SAME_CONTACT * cube:
         return before
@@ -215,8 +212,8 @@ class JKR(NamedTuple):
     Examples
     --------
     >>> contact = JKR(modulus=1.0, adhesion=0.01)
-    >>> bound = contact.remember(0.99, 1.0, (0.0,))
-    >>> at_touch = contact.interaction_first(1.0, 1.0, 1.0, bound)[0]
+    >>> bound = contact.remember(0.99, Partners(1.0, 0.25), (0.0,))
+    >>> at_touch = contact.interaction_first(1.0, Partners(1.0, 0.25), 1.0, bound)[0]
     >>> round(float(at_touch) / (1.5 * math.pi * 0.01 * 0.25), 6)  # 8/9 of the pull-off force
     0.888889
 
@@ -236,58 +233,56 @@ class JKR(NamedTuple):
             return f"modulus must be positive, got {self.modulus!r}"
         return "" if self.adhesion > 0.0 else f"adhesion must be positive, got {self.adhesion!r}"
 
-    def reach(self, contact_distance: float) -> float:
+    def reach(self, partners: Partners) -> float:
         """Return the distance at which bonds break [length]."""
-        radius = 0.25 * contact_distance
+        radius = partners.effective_radius
         ratio = math.pi * self.adhesion / self.modulus
-        return contact_distance + 0.75 * float(np.cbrt(ratio * ratio * radius))
+        return partners.contact_distance + 0.75 * float(np.cbrt(ratio * ratio * radius))
 
-    def remember(self, distance: float, contact_distance: float, memory: tuple[float]) -> tuple[float]:
+    def remember(self, distance: float, partners: Partners, memory: tuple[float]) -> tuple[float]:
         """Return the square of its length for a pair that is bound, else 0."""
-        if distance >= contact_distance and memory[0] == 0.0:
+        if distance >= partners.contact_distance and memory[0] == 0.0:
             return (0.0,)
-        return (jkr_square(self.modulus, self.adhesion, contact_distance, memory[0]),)
+        return (jkr_square(self.modulus, self.adhesion, partners.effective_radius, memory[0]),)
 
-    def cap_force(self, distance: float, contact_distance: float) -> float:
+    def cap_force(self, distance: float, partners: Partners) -> float:
         """Return the normal force under Coulomb's cap: F and twice the pull-off force [force]."""
-        radius = 0.25 * contact_distance
-        square = jkr_square(self.modulus, self.adhesion, contact_distance, 0.0)
-        x = jkr_root((contact_distance - distance) * radius / square)
+        radius = partners.effective_radius
+        square = jkr_square(self.modulus, self.adhesion, radius, 0.0)
+        x = jkr_root((partners.contact_distance - distance) * radius / square)
         x3 = x * x * x
         return math.pi * self.adhesion * radius * (3.0 - 8.0 / 3.0 * x3 * (1.5 - x3))
 
-    def interaction_energy(
-        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
-    ) -> float:
+    def interaction_energy(self, distance: float, partners: Partners, alignment: float, memory: tuple[float]) -> float:
         """Return the energy, 0 of spheres apart [energy]."""
         if memory[0] == 0.0:
             return 0.0
-        radius = 0.25 * contact_distance
+        radius = partners.effective_radius
         # a number that came with a packing may be any but 0
-        square = jkr_square(self.modulus, self.adhesion, contact_distance, memory[0])
-        x = jkr_root((contact_distance - distance) * radius / square)
+        square = jkr_square(self.modulus, self.adhesion, radius, memory[0])
+        x = jkr_root((partners.contact_distance - distance) * radius / square)
         x3 = x * x * x
         return 8.0 / 3.0 * math.pi * self.adhesion * square * x * x3 * (0.4 * x3 * x3 - x3 + 0.375)
 
     def interaction_first(
-        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+        self, distance: float, partners: Partners, alignment: float, memory: tuple[float]
     ) -> tuple[float, float]:
         """Return the slopes by distance [force] and alignment [energy]."""
         if memory[0] == 0.0:
             return 0.0, 0.0
-        radius, square = 0.25 * contact_distance, memory[0]
-        x = jkr_root((contact_distance - distance) * radius / square)
+        radius, square = partners.effective_radius, memory[0]
+        x = jkr_root((partners.contact_distance - distance) * radius / square)
         x3 = x * x * x
         return 8.0 / 3.0 * math.pi * self.adhesion * radius * x3 * (1.5 - x3), 0.0
 
     def interaction_second(
-        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+        self, distance: float, partners: Partners, alignment: float, memory: tuple[float]
     ) -> tuple[float, float, float]:
         """Return the second derivatives: by distance [force/length], both, alignment."""
         if memory[0] == 0.0:
             return 0.0, 0.0, 0.0
-        radius, square = 0.25 * contact_distance, memory[0]
-        x = jkr_root((contact_distance - distance) * radius / square)
+        radius, square = partners.effective_radius, memory[0]
+        x = jkr_root((partners.contact_distance - distance) * radius / square)
         steep = x * x * (6.0 * x * x * x - 4.5) / max(4.0 * x * x * x - 1.0, 1e-300)
         return 8.0 / 3.0 * math.pi * self.adhesion * radius * radius / square * steep, 0.0, 0.0
 
@@ -296,7 +291,7 @@ class JKR(NamedTuple):
 class CapillaryBridge(NamedTuple):
     """A bridge of liquid between touching spheres, beside a repulsion, that ruptures as they part.
 
-    F = 2 pi r g cos(theta) (1 - h/sqrt(h^2 + 2 V/(pi r))) at a gap h of two spheres of radius r, and its value at
+    F = 2 pi r g cos(theta) (1 - h/sqrt(h^2 + 2 V/(pi r))) at a gap h of two spheres of radius r = 2 R, and its value at
     h = 0 where they touch: Rabinovich, Esayanur and Moudgil, Langmuir 21, 10992 (2005), equations 19 and 20, in closed
     form. It forms as they touch, and ruptures at a gap of (1 + theta/2) V^(1/3) (Lian, Thornton and Adams, J. Colloid
     Interface Sci. 161, 138 (1993)), where the force jumps to zero; whether there is one is remembered. Each bridge has
@@ -314,8 +309,10 @@ class CapillaryBridge(NamedTuple):
     Examples
     --------
     >>> wet = CapillaryBridge(volume=1e-3, surface_tension=0.01)
-    >>> round(wet.reach(1.0), 12), round(wet.interaction_first(0.99, 1.0, 1.0, (1.0,))[0] / math.pi, 12)
-    (1.1, 0.01)
+    >>> round(wet.reach(Partners(1.0, 0.25)), 12)
+    1.1
+    >>> round(wet.interaction_first(0.99, Partners(1.0, 0.25), 1.0, (1.0,))[0] / math.pi, 12)
+    0.01
 
     """
 
@@ -334,50 +331,48 @@ class CapillaryBridge(NamedTuple):
         right = self.contact_angle < 0.5 * math.pi
         return "" if right else f"contact_angle must be below pi/2, got {self.contact_angle!r}"
 
-    def reach(self, contact_distance: float) -> float:
+    def reach(self, partners: Partners) -> float:
         """Return the distance at which bridges rupture [length]."""
-        return contact_distance + (1.0 + 0.5 * self.contact_angle) * math.pow(self.volume, 1.0 / 3.0)
+        return partners.contact_distance + (1.0 + 0.5 * self.contact_angle) * math.pow(self.volume, 1.0 / 3.0)
 
-    def remember(self, distance: float, contact_distance: float, memory: tuple[float]) -> tuple[float]:
+    def remember(self, distance: float, partners: Partners, memory: tuple[float]) -> tuple[float]:
         """Return whether there is a bridge, 1 or 0."""
-        return (1.0 if distance < contact_distance else memory[0],)
+        return (1.0 if distance < partners.contact_distance else memory[0],)
 
-    def cap_force(self, distance: float, contact_distance: float) -> float:
+    def cap_force(self, distance: float, partners: Partners) -> float:
         """Return the normal force under Coulomb's cap beside the repulsion: -F + 2 F [force]."""
-        return math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
+        return 4.0 * math.pi * partners.effective_radius * self.surface_tension * math.cos(self.contact_angle)
 
-    def interaction_energy(
-        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
-    ) -> float:
+    def interaction_energy(self, distance: float, partners: Partners, alignment: float, memory: tuple[float]) -> float:
         """Return the energy, so that it is 0 at the rupture [energy]."""
         if memory[0] == 0.0:
             return 0.0
-        pull = math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
-        square = 4.0 * self.volume / (math.pi * contact_distance)
+        pull = 4.0 * math.pi * partners.effective_radius * self.surface_tension * math.cos(self.contact_angle)
+        square = self.volume / (math.pi * partners.effective_radius)
         last = (1.0 + 0.5 * self.contact_angle) * math.pow(self.volume, 1.0 / 3.0)
-        gap = distance - contact_distance
+        gap = distance - partners.contact_distance
         at = max(gap, 0.0)
         return pull * (gap - math.sqrt(at * at + square) - last + math.sqrt(last * last + square))
 
     def interaction_first(
-        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+        self, distance: float, partners: Partners, alignment: float, memory: tuple[float]
     ) -> tuple[float, float]:
         """Return the slopes by distance [force] and alignment [energy]."""
         if memory[0] == 0.0:
             return 0.0, 0.0
-        pull = math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
-        square = 4.0 * self.volume / (math.pi * contact_distance)
-        gap = max(distance - contact_distance, 0.0)
+        pull = 4.0 * math.pi * partners.effective_radius * self.surface_tension * math.cos(self.contact_angle)
+        square = self.volume / (math.pi * partners.effective_radius)
+        gap = max(distance - partners.contact_distance, 0.0)
         return pull * (1.0 - gap / math.sqrt(gap * gap + square)), 0.0
 
     def interaction_second(
-        self, distance: float, contact_distance: float, alignment: float, memory: tuple[float]
+        self, distance: float, partners: Partners, alignment: float, memory: tuple[float]
     ) -> tuple[float, float, float]:
         """Return the second derivatives: by distance [force/length], both, alignment."""
-        if memory[0] == 0.0 or distance < contact_distance:
+        if memory[0] == 0.0 or distance < partners.contact_distance:
             return 0.0, 0.0, 0.0
-        pull = math.pi * contact_distance * self.surface_tension * math.cos(self.contact_angle)
-        square = 4.0 * self.volume / (math.pi * contact_distance)
-        gap = distance - contact_distance
+        pull = 4.0 * math.pi * partners.effective_radius * self.surface_tension * math.cos(self.contact_angle)
+        square = self.volume / (math.pi * partners.effective_radius)
+        gap = distance - partners.contact_distance
         size = gap * gap + square
         return -pull * square / (size * math.sqrt(size)), 0.0, 0.0

@@ -7,6 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from packmech.effects.partners import as_asked, equal_partners
+
 PairHook = Callable[[float, float], float]
 
 # relative overlaps at which is looked: none of them where somebody would put a kink
@@ -186,7 +188,7 @@ def check_interaction(what: str, effect: Any) -> None:
     """
     places = []
     for sigma in _CONTACT_DISTANCES:
-        reach = float(effect.reach(sigma))
+        reach = float(effect.reach(as_asked(effect, "reach", equal_partners(sigma))))
         if getattr(type(effect), "memory", 0) and reach < sigma:
             raise ValueError(
                 f"{what}.reach must be the contact distance or more, as the effect remembers, got {reach:.6g} at "
@@ -198,7 +200,9 @@ def check_interaction(what: str, effect: Any) -> None:
         # a short range beyond contact is looked at by itself, but not where distances are rounded to too large a part
         at += [sigma + part * beyond for part in _PARTS_OF_REACH if beyond > _RESOLVED * sigma]
         places += [(distance, sigma, alignment) for distance in at for alignment in _ALIGNMENTS]
-    reach_of = {sigma: float(effect.reach(sigma)) for sigma in _CONTACT_DISTANCES}
+    reach_of = {
+        sigma: float(effect.reach(as_asked(effect, "reach", equal_partners(sigma)))) for sigma in _CONTACT_DISTANCES
+    }
     names = ("interaction_energy", "interaction_first", "interaction_second")
     parts = (
         ((0, 0, "distance"), (1, 0, "alignment")),
@@ -242,9 +246,10 @@ def _check_beginning(what: str, effect: Any, sigma: float, reach: float) -> None
     nothing = (0.0,) * int(getattr(type(effect), "memory", 0))
     for part in _PARTS_OF_REACH if nothing else ():
         distance = sigma + part * (reach - sigma)
-        numbers = tuple(map(float, effect.remember(distance, sigma, nothing)))
-        at = (distance, sigma, 1.0, nothing)
-        energy, first = effect.interaction_energy(*at), effect.interaction_first(*at)
+        numbers = tuple(map(float, _asked(effect, "remember", distance, sigma, nothing)))
+        energy, first = (
+            _asked(effect, name, distance, sigma, 1.0, nothing) for name in ("interaction_energy", "interaction_first")
+        )
         if any(numbers) or energy or any(first):
             raise ValueError(
                 f"{what}.remember, interaction_energy and interaction_first must be zero of pairs apart that hold "
@@ -253,11 +258,16 @@ def _check_beginning(what: str, effect: Any, sigma: float, reach: float) -> None
             )
 
 
+def _asked(effect: Any, name: str, distance: float, contact_distance: float, *others: Any) -> Any:
+    """Return what a hook gives of particles of one size."""
+    return getattr(effect, name)(distance, as_asked(effect, name, equal_partners(contact_distance)), *others)
+
+
 def _components(effect: Any, name: str, place: tuple[float, float, float]) -> tuple[float, ...]:
     """Return what a hook gives, of one with a memory for a pair that touched."""
     memory = int(getattr(type(effect), "memory", 0))
-    numbers = (effect.remember(_TOUCHED * place[1], place[1], (0.0,) * memory),) if memory else ()
-    found = getattr(effect, name)(*place, *numbers)
+    numbers = (_asked(effect, "remember", _TOUCHED * place[1], place[1], (0.0,) * memory),) if memory else ()
+    found = _asked(effect, name, *place, *numbers)
     return tuple(map(float, found)) if isinstance(found, tuple) else (float(found),)
 
 

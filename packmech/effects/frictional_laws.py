@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 from packmech.effects.laws import Law, LinearSpring, law, law_energy, law_first, law_second
+from packmech.effects.partners import Partners
 
 # below this slope a plateau's energy is a power series of the slope, as a quotient would lose its digits
 _FLAT = 1e-5
@@ -122,8 +123,9 @@ class PlateauRepulsion(NamedTuple):
 
     Examples
     --------
+    >>> from packmech.effects.partners import equal_partners
     >>> law = PlateauRepulsion(law=LinearSpring(1.0))
-    >>> [round(-law.first(r, 1.0), 12) for r in (0.9, 0.8, 0.3)]
+    >>> [round(-law.first(r, equal_partners(1.0)), 12) for r in (0.9, 0.8, 0.3)]
     [0.1, 0.2, 0.25]
 
     """
@@ -141,40 +143,40 @@ class PlateauRepulsion(NamedTuple):
             return f"end must be at least begin and at most 1, got {self.end!r}"
         return "" if self.slope <= 1.0 else f"slope must be at most 1, got {self.slope!r}"
 
-    def energy(self, distance: float, contact_distance: float) -> float:
+    def energy(self, distance: float, partners: Partners) -> float:
         """Return the energy [energy]."""
-        begin, end = self.begin * contact_distance, self.end * contact_distance
+        begin, end = self.begin * partners.contact_distance, self.end * partners.contact_distance
         if distance >= end:
-            return law_energy(self.law, distance, contact_distance)
+            return law_energy(self.law, distance, partners)
         lowest = end + (begin - end) * self.slope
         at = max(distance, begin)
-        energy = law_energy(self.law, end, contact_distance)
+        energy = law_energy(self.law, end, partners)
         if self.slope < _FLAT:
             across = end - at
-            energy -= law_first(self.law, end, contact_distance) * across
-            energy += 0.5 * law_second(self.law, end, contact_distance) * self.slope * across * across
+            energy -= law_first(self.law, end, partners) * across
+            energy += 0.5 * law_second(self.law, end, partners) * self.slope * across * across
         else:
             mapped = end + (at - end) * self.slope
-            energy += (law_energy(self.law, mapped, contact_distance) - energy) / self.slope
+            energy += (law_energy(self.law, mapped, partners) - energy) / self.slope
         if distance < begin:
             pace = lowest / begin
-            deeper = law_energy(self.law, distance * pace, contact_distance)
-            energy += (deeper - law_energy(self.law, lowest, contact_distance)) / pace
+            deeper = law_energy(self.law, distance * pace, partners)
+            energy += (deeper - law_energy(self.law, lowest, partners)) / pace
         return energy
 
-    def first(self, distance: float, contact_distance: float) -> float:
+    def first(self, distance: float, partners: Partners) -> float:
         """Return du/dr [energy/length]."""
-        begin, end = self.begin * contact_distance, self.end * contact_distance
+        begin, end = self.begin * partners.contact_distance, self.end * partners.contact_distance
         mapped = distance
         if distance < begin:
             mapped = distance / begin * (end + (begin - end) * self.slope)
         elif distance < end:
             mapped = end + (distance - end) * self.slope
-        return law_first(self.law, mapped, contact_distance)
+        return law_first(self.law, mapped, partners)
 
-    def second(self, distance: float, contact_distance: float) -> float:
+    def second(self, distance: float, partners: Partners) -> float:
         """Return d2u/dr2 [energy/length^2]."""
-        begin, end = self.begin * contact_distance, self.end * contact_distance
+        begin, end = self.begin * partners.contact_distance, self.end * partners.contact_distance
         mapped, pace = distance, 1.0
         if distance < begin:
             pace = (end + (begin - end) * self.slope) / begin
@@ -182,7 +184,7 @@ class PlateauRepulsion(NamedTuple):
         elif distance < end:
             pace = self.slope
             mapped = end + (distance - end) * self.slope
-        return pace * law_second(self.law, mapped, contact_distance)
+        return pace * law_second(self.law, mapped, partners)
 
 
 @law

@@ -11,8 +11,9 @@ An effect (`packmech.effects.pair.effect`) is one where it defines
 
 for distances of centers below its reach, whether the particles touch or not. The alignment of a pair is the cosine of
 the angle between its directions: the directors of ellipses and spheroids, the first axes of rigid bodies. Discs and
-spheres have none: theirs is 1, and nothing turns them. What an interaction does is an element like a contact
-(`packmech.contacts.elements`), with the slopes of the distance and of the alignment.
+spheres have none: theirs is 1, and nothing turns them. A hook that names a parameter `partners` where these have
+`contact_distance` is told the effective radius of the two as well (`packmech.effects.partners`). What an interaction
+does is an element like a contact (`packmech.contacts.elements`), with the slopes of the distance and of the alignment.
 
 An interaction of discs and spheres may remember what happened to a pair. Its class says how many numbers it keeps of
 each, `memory = 1`, and defines
@@ -44,6 +45,7 @@ from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pai
 from packmech.effects.bonds import acting_contacts, bonds_of
 from packmech.effects.laws import law_energy, law_first, law_second
 from packmech.effects.pair import hook_of
+from packmech.effects.partners import Partners, as_asked, equal_partners, pairs_of_sizes, told
 from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.links import named_rows
 from packmech.packing import Packing
@@ -138,177 +140,190 @@ def _choose_memory_at(effect: Any, number_pk: Any, p: Any, column: Any) -> Any:
 _readers = functools.lru_cache(_reader)
 
 
-def remembered(effect: Any, distance: float, contact_distance: float, memory: tuple[float, ...]) -> tuple[float, ...]:
+def reach_of(effect: Any, partners: Partners) -> float:
+    """Return the distance from which on an interaction is zero [length]."""
+    return float(effect.reach(as_asked(effect, "reach", partners)))
+
+
+def remembered(effect: Any, distance: float, partners: Partners, memory: tuple[float, ...]) -> tuple[float, ...]:
     """Return the numbers that one effect keeps of a pair at this distance; zeros from its reach on."""
     if not remembers(effect):
         return ()
-    apart = distance >= contact_distance and begins_at_contact(effect) and memory == (0.0,) * memory_size(effect)
-    if apart or distance >= effect.reach(contact_distance):
+    apart = (
+        distance >= partners.contact_distance and begins_at_contact(effect) and memory == (0.0,) * memory_size(effect)
+    )
+    if apart or distance >= reach_of(effect, partners):
         return (0.0,) * memory_size(effect)
-    return tuple(effect.remember(distance, contact_distance, memory))
+    return tuple(effect.remember(distance, as_asked(effect, "remember", partners), memory))
 
 
 @compiled_form(remembered)
-def _choose_remembered(effect: Any, distance: Any, contact_distance: Any, memory: Any) -> Any:
+def _choose_remembered(effect: Any, distance: Any, partners: Any, memory: Any) -> Any:
     if not remembers(effect):
-        return lambda effect, distance, contact_distance, memory: ()
+        return lambda effect, distance, partners, memory: ()
     reach, hook, nothing = hook_of(effect, "reach"), hook_of(effect, "remember"), (0.0,) * memory_size(effect)
     assert reach is not None and hook is not None
+    at_reach, at_hook = told(effect.instance_class, "reach"), told(effect.instance_class, "remember")
     at_contact = begins_at_contact(effect)
 
-    def numbers(effect, distance, contact_distance, memory):  # type: ignore[no-untyped-def]
-        if distance >= contact_distance:
+    def numbers(effect, distance, partners, memory):  # type: ignore[no-untyped-def]
+        if distance >= partners.contact_distance:
             if at_contact and memory == nothing:
                 return nothing
-            if distance >= reach(effect, contact_distance):
+            if distance >= reach(effect, at_reach(partners)):
                 return nothing
-        return hook(effect, distance, contact_distance, memory)
+        return hook(effect, distance, at_hook(partners), memory)
 
     return numbers
 
 
-def remembered_energy(effect: Any, distance: float, contact_distance: float, memory: tuple[float, ...]) -> float:
+def remembered_energy(effect: Any, distance: float, partners: Partners, memory: tuple[float, ...]) -> float:
     """Return the energy of a pair with the numbers kept of it, beyond its reach that at it; 0 where none are kept."""
     if not remembers(effect):
         return 0.0
-    at = min(distance, effect.reach(contact_distance))
-    return float(effect.interaction_energy(at, contact_distance, 1.0, memory))
+    at = min(distance, reach_of(effect, partners))
+    return float(effect.interaction_energy(at, as_asked(effect, "interaction_energy", partners), 1.0, memory))
 
 
 @compiled_form(remembered_energy)
-def _choose_remembered_energy(effect: Any, distance: Any, contact_distance: Any, memory: Any) -> Any:
+def _choose_remembered_energy(effect: Any, distance: Any, partners: Any, memory: Any) -> Any:
     if not remembers(effect):
-        return lambda effect, distance, contact_distance, memory: 0.0
+        return lambda effect, distance, partners, memory: 0.0
     reach, hook = hook_of(effect, "reach"), hook_of(effect, "interaction_energy")
     assert reach is not None and hook is not None
+    at_reach, at_hook = told(effect.instance_class, "reach"), told(effect.instance_class, "interaction_energy")
 
-    def energy(effect, distance, contact_distance, memory):  # type: ignore[no-untyped-def]
-        return hook(effect, min(distance, reach(effect, contact_distance)), contact_distance, 1.0, memory)
+    def energy(effect, distance, partners, memory):  # type: ignore[no-untyped-def]
+        return hook(effect, min(distance, reach(effect, at_reach(partners))), at_hook(partners), 1.0, memory)
 
     return energy
 
 
-def bring_memory(effect: Any, distance: float, contact_distance: float, number_pk: Any, p: int, column: int) -> None:
+def bring_memory(effect: Any, distance: float, partners: Partners, number_pk: Any, p: int, column: int) -> None:
     """Bring the numbers that one effect keeps of a pair, in the row p from a column on, to this distance."""
-    for k, one in enumerate(remembered(effect, distance, contact_distance, memory_at(effect, number_pk, p, column))):
+    for k, one in enumerate(remembered(effect, distance, partners, memory_at(effect, number_pk, p, column))):
         number_pk[p, column + k] = one
 
 
 @compiled_form(bring_memory, inline=True)
-def _choose_bring_memory(effect: Any, distance: Any, contact_distance: Any, number_pk: Any, p: Any, column: Any) -> Any:
+def _choose_bring_memory(effect: Any, distance: Any, partners: Any, number_pk: Any, p: Any, column: Any) -> Any:
     size = memory_size(effect)
     if size == 0:
-        return lambda effect, distance, contact_distance, number_pk, p, column: None
+        return lambda effect, distance, partners, number_pk, p, column: None
 
-    def bring(effect, distance, contact_distance, number_pk, p, column):  # type: ignore[no-untyped-def]
-        now = remembered(effect, distance, contact_distance, memory_at(effect, number_pk, p, column))
+    def bring(effect, distance, partners, number_pk, p, column):  # type: ignore[no-untyped-def]
+        now = remembered(effect, distance, partners, memory_at(effect, number_pk, p, column))
         for k in range(size):
             number_pk[p, column + k] = now[k]
 
     return bring
 
 
-def interaction_law(effect: Any, distance: float, contact_distance: float, alignment: float) -> PairLaw:
+def interaction_law(effect: Any, distance: float, partners: Partners, alignment: float) -> PairLaw:
     """Return the law of a pair under one effect: zero beyond its reach, and under an effect that is no interaction.
 
     One that remembers has the numbers of a pair that came to this distance from afar.
     """
     nothing = (0.0,) * memory_size(effect)
-    numbers = remembered(effect, distance, contact_distance, nothing) if is_interaction(effect) else nothing
-    return remembering_law(effect, distance, contact_distance, alignment, numbers)
+    numbers = remembered(effect, distance, partners, nothing) if is_interaction(effect) else nothing
+    return remembering_law(effect, distance, partners, alignment, numbers)
 
 
 def remembering_law(
-    effect: Any, distance: float, contact_distance: float, alignment: float, memory: tuple[float, ...]
+    effect: Any, distance: float, partners: Partners, alignment: float, memory: tuple[float, ...]
 ) -> PairLaw:
     """Return the same with the numbers that the effect keeps of the pair."""
-    if not is_interaction(effect) or distance >= effect.reach(contact_distance):
+    if not is_interaction(effect) or distance >= reach_of(effect, partners):
         return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    at: tuple[Any, ...] = (distance, contact_distance, alignment)
-    if remembers(effect):
-        at = (*at, memory)
-    first, turning = effect.interaction_first(*at)
-    return PairLaw(effect.interaction_energy(*at), first, turning, *effect.interaction_second(*at))
+    numbers = (memory,) if remembers(effect) else ()
+    energy, firsts, seconds = (
+        getattr(effect, name)(distance, as_asked(effect, name, partners), alignment, *numbers)
+        for name in ("interaction_energy", "interaction_first", "interaction_second")
+    )
+    return PairLaw(energy, *firsts, *seconds)
 
 
 @compiled_form(interaction_law)
-def _choose_interaction_law(effect: Any, distance: Any, contact_distance: Any, alignment: Any) -> Any:
+def _choose_interaction_law(effect: Any, distance: Any, partners: Any, alignment: Any) -> Any:
     if not is_interaction(effect):
-        return lambda effect, distance, contact_distance, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return lambda effect, distance, partners, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     if remembers(effect):
         # compiled in minimizers and batches, which refuse these effects by name
-        return lambda effect, distance, contact_distance, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    reach, energy, firsts, seconds = (
-        hook_of(effect, name) for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
+        return lambda effect, distance, partners, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    (reach, at_reach), (energy, at_energy), (firsts, at_first), (seconds, at_second) = (
+        (hook_of(effect, name), told(effect.instance_class, name))
+        for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
     )
 
     assert reach is not None and energy is not None and firsts is not None and seconds is not None
 
-    def law(effect, distance, contact_distance, alignment):  # type: ignore[no-untyped-def]
-        if distance >= reach(effect, contact_distance):
+    def law(effect, distance, partners, alignment):  # type: ignore[no-untyped-def]
+        if distance >= reach(effect, at_reach(partners)):
             return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        first, turning = firsts(effect, distance, contact_distance, alignment)
-        second, mixed, bending = seconds(effect, distance, contact_distance, alignment)
-        whole = energy(effect, distance, contact_distance, alignment)
+        first, turning = firsts(effect, distance, at_first(partners), alignment)
+        second, mixed, bending = seconds(effect, distance, at_second(partners), alignment)
+        whole = energy(effect, distance, at_energy(partners), alignment)
         return PairLaw(whole, first, turning, second, mixed, bending)
 
     return law
 
 
 @compiled_form(remembering_law)
-def _choose_remembering_law(effect: Any, distance: Any, contact_distance: Any, alignment: Any, memory: Any) -> Any:
+def _choose_remembering_law(effect: Any, distance: Any, partners: Any, alignment: Any, memory: Any) -> Any:
     if not remembers(effect) or not is_interaction(effect):
-        return lambda effect, distance, contact_distance, alignment, memory: interaction_law(
-            effect, distance, contact_distance, alignment
+        return lambda effect, distance, partners, alignment, memory: interaction_law(
+            effect, distance, partners, alignment
         )
-    reach, energy, firsts, seconds = (
-        hook_of(effect, name) for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
+    (reach, at_reach), (energy, at_energy), (firsts, at_first), (seconds, at_second) = (
+        (hook_of(effect, name), told(effect.instance_class, name))
+        for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
     )
     assert reach is not None and energy is not None and firsts is not None and seconds is not None
 
-    def law(effect, distance, contact_distance, alignment, memory):  # type: ignore[no-untyped-def]
-        if distance >= reach(effect, contact_distance):
+    def law(effect, distance, partners, alignment, memory):  # type: ignore[no-untyped-def]
+        if distance >= reach(effect, at_reach(partners)):
             return PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        first, turning = firsts(effect, distance, contact_distance, alignment, memory)
-        second, mixed, bending = seconds(effect, distance, contact_distance, alignment, memory)
-        whole = energy(effect, distance, contact_distance, alignment, memory)
+        first, turning = firsts(effect, distance, at_first(partners), alignment, memory)
+        second, mixed, bending = seconds(effect, distance, at_second(partners), alignment, memory)
+        whole = energy(effect, distance, at_energy(partners), alignment, memory)
         return PairLaw(whole, first, turning, second, mixed, bending)
 
     return law
 
 
 def remembering_slope(
-    effect: Any, distance: float, contact_distance: float, alignment: float, memory: tuple[float, ...]
+    effect: Any, distance: float, partners: Partners, alignment: float, memory: tuple[float, ...]
 ) -> float:
     """Return the derivative by distance alone, which is all that forces between discs and spheres ask for."""
-    return remembering_law(effect, distance, contact_distance, alignment, memory).first
+    return remembering_law(effect, distance, partners, alignment, memory).first
 
 
 @compiled_form(remembering_slope)
-def _choose_remembering_slope(effect: Any, distance: Any, contact_distance: Any, alignment: Any, memory: Any) -> Any:
+def _choose_remembering_slope(effect: Any, distance: Any, partners: Any, alignment: Any, memory: Any) -> Any:
     if not is_interaction(effect):
-        return lambda effect, distance, contact_distance, alignment, memory: 0.0
+        return lambda effect, distance, partners, alignment, memory: 0.0
     reach, firsts = hook_of(effect, "reach"), hook_of(effect, "interaction_first")
     assert reach is not None and firsts is not None
+    at_reach, at_first = told(effect.instance_class, "reach"), told(effect.instance_class, "interaction_first")
     if not remembers(effect):
 
-        def forgetful(effect, distance, contact_distance, alignment, memory):  # type: ignore[no-untyped-def]
-            if distance >= reach(effect, contact_distance):
+        def forgetful(effect, distance, partners, alignment, memory):  # type: ignore[no-untyped-def]
+            if distance >= reach(effect, at_reach(partners)):
                 return 0.0
-            return firsts(effect, distance, contact_distance, alignment)[0]
+            return firsts(effect, distance, at_first(partners), alignment)[0]
 
         return forgetful
 
     at_contact, nothing = begins_at_contact(effect), (0.0,) * memory_size(effect)
 
-    def slope(effect, distance, contact_distance, alignment, memory):  # type: ignore[no-untyped-def]
+    def slope(effect, distance, partners, alignment, memory):  # type: ignore[no-untyped-def]
         # what remembers reaches as far as contact at least
-        if distance >= contact_distance:
+        if distance >= partners.contact_distance:
             if at_contact and memory == nothing:
                 return 0.0
-            if distance >= reach(effect, contact_distance):
+            if distance >= reach(effect, at_reach(partners)):
                 return 0.0
-        return firsts(effect, distance, contact_distance, alignment, memory)[0]
+        return firsts(effect, distance, at_first(partners), alignment, memory)[0]
 
     return slope
 
@@ -324,10 +339,8 @@ def reach_beyond_contact(effects: tuple[Any, ...], radius_n: NDArray[np.float64]
         (N,) radii, of which the contact distances are made [length].
 
     """
-    sigmas = 2.0 * np.array([radius_n.min(), radius_n.mean(), radius_n.max()])
-    return max(
-        [0.0, *(float(one.reach(sigma)) - sigma for one in interactions_of(effects) for sigma in map(float, sigmas))]
-    )
+    pairs, acting = pairs_of_sizes(radius_n), interactions_of(effects)
+    return max([0.0, *(reach_of(one, partners) - partners.contact_distance for one in acting for partners in pairs)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,7 +412,7 @@ class Interactions:
         if other is None:
             return self
         parts, names = zip(self._parts(), other._parts(), strict=True), ("i_c", "j_c", "image_cd", "normal_cd")
-        lengths = ("distance_c", "contact_distance_c")
+        lengths = ("distance_c", "contact_distance_c", "effective_radius_c")
         pairs: dict[str, Any] = {
             name: np.concatenate([getattr(one.pairs, name) for one in (self, other)]) for name in (*names, *lengths)
         }
@@ -431,23 +444,27 @@ class Interactions:
 
 @device
 def _law_of(
-    effect: Any, distance: float, contact_distance: float, alignment: float, memory_ck: Any, c: int, column: int
+    effect: Any, distance: float, partners: Partners, alignment: float, memory_ck: Any, c: int, column: int
 ) -> PairLaw:
     """Return the law of a pair under one effect with the numbers that it keeps, brought to this distance.
 
     Their count is its own: kernels that unroll a tuple of effects have one type for each of their names.
     """
-    numbers = remembered(effect, distance, contact_distance, memory_at(effect, memory_ck, c, column))
-    return remembering_law(effect, distance, contact_distance, alignment, numbers)
+    numbers = remembered(effect, distance, partners, memory_at(effect, memory_ck, c, column))
+    return remembering_law(effect, distance, partners, alignment, numbers)
 
 
 @kernel
-def _laws(effects, distance_c, contact_distance_c, alignment_c, memory_ck, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
-    """Add the laws of the pairs, with the numbers that are kept of them; return nothing."""
-    for c in range(distance_c.shape[0]):
-        column, r, sigma, alignment = 0, distance_c[c], contact_distance_c[c], alignment_c[c]
+def _laws(effects, pair_ck, alignment_c, memory_ck, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
+    """Add the laws of the pairs, with the numbers that are kept of them; return nothing.
+
+    Columns of pair_ck are distances, contact distances and effective radii.
+    """
+    for c in range(pair_ck.shape[0]):
+        column, r, alignment = 0, pair_ck[c, 0], alignment_c[c]
+        partners = Partners(pair_ck[c, 1], pair_ck[c, 2])
         for one in literal_unroll(effects):
-            law = _law_of(one, r, sigma, alignment, memory_ck, c, column)
+            law = _law_of(one, r, partners, alignment, memory_ck, c, column)
             column += memory_size(one)
             energy_c[c] += law.energy
             first_ck[c, 0] += law.first
@@ -484,7 +501,8 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
     found = Interactions(near, energy, first, second, turning, bending)
     if acting:
         memory = _memory_of(packing, near, memory_columns(acting))
-        _laws(acting, near.distance_c, near.contact_distance_c, alignment, memory, energy, first, second)
+        pairs_ck = np.stack([near.distance_c, near.contact_distance_c, near.effective_radius_c], axis=1)
+        _laws(acting, pairs_ck, alignment, memory, energy, first, second)
         found = found.select((energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2)))
     return found.joined(bonded)
 
@@ -504,8 +522,8 @@ def _memory_of(packing: Packing, pairs: Contacts, columns: int) -> NDArray[np.fl
 def _normal_springs(compression, tension, distance_b, rest_b, energy_b, first_bk, second_bkk):  # type: ignore[no-untyped-def]
     """Fill in the laws of bonds, which know no directions; return nothing."""
     for b in range(distance_b.shape[0]):
-        r, rest = distance_b[b], rest_b[b]
-        if r < rest:
+        r, rest = distance_b[b], equal_partners(rest_b[b])
+        if r < rest_b[b]:
             energy_b[b] = law_energy(compression, r, rest)
             first_bk[b, 0] = law_first(compression, r, rest)
             second_bkk[b, 0, 0] = law_second(compression, r, rest)
@@ -524,7 +542,7 @@ def bonded_pairs(packing: Packing, effects: tuple[Any, ...]) -> Interactions | N
     if bonds is None:
         return None
     pairs = pair_contacts(packing, bonds.i_b, bonds.j_b, bonds.image_bd)
-    pairs = replace(pairs, contact_distance_c=bonds.rest_length_b)
+    pairs = replace(pairs, contact_distance_c=bonds.rest_length_b, effective_radius_c=0.25 * bonds.rest_length_b)
     energy, first, second = np.zeros(len(bonds)), np.zeros((len(bonds), 2)), np.zeros((len(bonds), 2, 2))
     _normal_springs(bonds.compression, bonds.tension, pairs.distance_c, bonds.rest_length_b, energy, first, second)
     _, turning, bending = _alignments(packing, pairs)

@@ -2,7 +2,8 @@
 
 A law is a small record of numbers with three methods. Each is a scalar function of the distance r of two centers and
 of their contact distance sigma, asked for only while r < sigma, and works both in plain Python and inside compiled
-loops, which choose it by its type. A user's own law is written the same way::
+loops, which choose it by its type. One that names `partners` in place of `contact_distance` is told the effective
+radius as well (`packmech.effects.partners`). A user's own law is written the same way::
 
     @pm.law
     class Quartic(NamedTuple):
@@ -24,6 +25,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from packmech.effects.derivatives import check_continuity, check_derivatives, default_record, may_jump
+from packmech.effects.partners import Partners, as_asked, asks_for_partners, equal_partners, told
 from packmech.jit.compiled import compiled_form, compiled_methods, own_name, tell_apart
 from packmech.jit.source_key import written_name
 
@@ -31,15 +33,15 @@ from packmech.jit.source_key import written_name
 class Law(Protocol):
     """What every law offers; distances are [length], `energy_scale` (or `stiffness`) is a field."""
 
-    def energy(self, distance: float, contact_distance: float) -> float:
+    def energy(self, distance: float, contact_distance: Any, /) -> float:
         """Return the energy of a touching pair [energy]."""
         ...
 
-    def first(self, distance: float, contact_distance: float) -> float:
+    def first(self, distance: float, contact_distance: Any, /) -> float:
         """Return du/dr [energy/length]."""
         ...
 
-    def second(self, distance: float, contact_distance: float) -> float:
+    def second(self, distance: float, contact_distance: Any, /) -> float:
         """Return d2u/dr2 [energy/length^2]."""
         ...
 
@@ -56,8 +58,9 @@ def law(cls: L) -> L:
     Parameters
     ----------
     cls
-        A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), and
-        with a field `energy_scale` [energy] or `stiffness` [energy/length^2] that sets the unit of energy, or a field
+        A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), or of
+        (self, distance, partners) where the effective radius counts, too (`Partners`), and with a field `energy_scale`
+        [energy], `stiffness` [energy/length^2] or `modulus` [energy/length^3] that sets the unit of energy, or a field
         `law` with another law that does. A further method `fault(self)` may return what is wrong with the numbers, as
         "name must ..., got ...", for scenes to say; an empty text is none. Energy and force must go to zero at contact
         and be continuous below it, for what minimizers and time steps are sure of rests on that; a class whose force
@@ -97,20 +100,27 @@ def law(cls: L) -> L:
             )
         if len(inspect.signature(method).parameters) != 3:
             raise TypeError(f"law {cls.__name__}.{name} must take (self, distance, contact_distance)")
-    if not {"energy_scale", "stiffness", "law"} & set(cls._fields):
-        raise TypeError(f"law {cls.__name__} must have a field energy_scale or stiffness, got {cls._fields}")
+    if not {"energy_scale", "stiffness", "modulus", "law"} & set(cls._fields):
+        raise TypeError(f"law {cls.__name__} must have a field energy_scale, stiffness or modulus, got {cls._fields}")
     own_name("law", cls, _COMPILED)
     tell_apart(cls)
     example = default_record(cls)
     if example is not None:
         check_law(example)
-    _COMPILED[cls] = compiled_methods("law", cls, {name: vars(cls)[name] for name in _METHODS})
+    pair = (1.0, equal_partners(1.0))
+    records: dict[str, tuple[Any, ...]] = {name: pair for name in _METHODS if asks_for_partners(cls, name)}
+    _COMPILED[cls] = compiled_methods("law", cls, {name: vars(cls)[name] for name in _METHODS}, records)
     return cls
 
 
 def check_law(law: Any) -> None:
     """Refuse a law whose derivatives, with its numbers, are not derivatives of each other, or jump."""
-    what, hooks = f"law {written_name(type(law))}", (law.energy, law.first, law.second)
+    what = f"law {written_name(type(law))}"
+    hooks = (
+        lambda distance, contact_distance: law_energy(law, distance, equal_partners(contact_distance)),
+        lambda distance, contact_distance: law_first(law, distance, equal_partners(contact_distance)),
+        lambda distance, contact_distance: law_second(law, distance, equal_partners(contact_distance)),
+    )
     check_derivatives(what, _METHODS, hooks)
     if not may_jump(law):
         check_continuity(what, _METHODS, hooks)
@@ -126,39 +136,43 @@ def registered_laws() -> tuple[type, ...]:
     return tuple(_COMPILED)
 
 
-def law_energy(law: Law, distance: float, contact_distance: float) -> float:
+def law_energy(law: Law, distance: float, partners: Partners) -> float:
     """Return the energy of a touching pair; compiled loops choose the law by its type."""
-    return law.energy(distance, contact_distance)
+    return law.energy(distance, as_asked(law, "energy", partners))
 
 
-def law_first(law: Law, distance: float, contact_distance: float) -> float:
+def law_first(law: Law, distance: float, partners: Partners) -> float:
     """Return du/dr of a touching pair; compiled loops choose the law by its type."""
-    return law.first(distance, contact_distance)
+    return law.first(distance, as_asked(law, "first", partners))
 
 
-def law_second(law: Law, distance: float, contact_distance: float) -> float:
+def law_second(law: Law, distance: float, partners: Partners) -> float:
     """Return d2u/dr2 of a touching pair; compiled loops choose the law by its type."""
-    return law.second(distance, contact_distance)
+    return law.second(distance, as_asked(law, "second", partners))
 
 
-def _method(numba_type: Any, name: str) -> Callable[..., float] | None:
+def _chosen(numba_type: Any, name: str) -> Callable[..., float] | None:
+    """Return what compiled code runs for a method of a law of this type; None where it is no law."""
     cls = getattr(numba_type, "instance_class", None)
-    return _COMPILED[cls][name] if cls in _COMPILED else None
+    if cls not in _COMPILED:
+        return None
+    method, contact = _COMPILED[cls][name], told(cls, name)
+    return lambda law, distance, partners: method(law, distance, contact(partners))
 
 
-@compiled_form(law_energy)
-def _law_energy(law: Any, distance: Any, contact_distance: Any) -> Any:
-    return _method(law, "energy")
+@compiled_form(law_energy, inline=True)
+def _law_energy(law: Any, distance: Any, partners: Any) -> Any:
+    return _chosen(law, "energy")
 
 
-@compiled_form(law_first)
-def _law_first(law: Any, distance: Any, contact_distance: Any) -> Any:
-    return _method(law, "first")
+@compiled_form(law_first, inline=True)
+def _law_first(law: Any, distance: Any, partners: Any) -> Any:
+    return _chosen(law, "first")
 
 
-@compiled_form(law_second)
-def _law_second(law: Any, distance: Any, contact_distance: Any) -> Any:
-    return _method(law, "second")
+@compiled_form(law_second, inline=True)
+def _law_second(law: Any, distance: Any, partners: Any) -> Any:
+    return _chosen(law, "second")
 
 
 @law
@@ -284,19 +298,59 @@ class LinearSpring(NamedTuple):
         return self.stiffness
 
 
+@law
+class ElasticSpheres(NamedTuple):
+    """Elastic spheres of any two sizes: u = (8/15) E sqrt(R) (sigma - r)^(5/2), R = r_i r_j / (r_i + r_j).
+
+    Hertz's contact with its force (4/3) E sqrt(R) overlap^(3/2) (Johnson, Contact Mechanics (1985), equation 4.23).
+    `Hertz` is the same for spheres of one size, with the energy_scale (4/3) E sqrt(radius/2) (2 radius)^(5/2); of
+    several sizes it is the law that the literature on jamming takes: energies depend on the relative overlap alone.
+
+    Parameters
+    ----------
+    modulus
+        E, that of the contact: 1/E = (1 - nu_i^2)/E_i + (1 - nu_j^2)/E_j [energy/length^3].
+
+    Examples
+    --------
+    >>> round(-law_first(ElasticSpheres(3.0), 1.96, Partners(2.0, 0.25)), 12)  # 4 * 0.5 * 0.04**1.5
+    0.016
+
+    """
+
+    modulus: float = 1.0
+
+    def energy(self, distance: float, partners: Partners) -> float:
+        """Return the energy [energy]."""
+        overlap = partners.contact_distance - distance
+        return 8.0 / 15.0 * self.modulus * math.sqrt(partners.effective_radius * overlap) * overlap * overlap
+
+    def first(self, distance: float, partners: Partners) -> float:
+        """Return du/dr [energy/length]."""
+        overlap = partners.contact_distance - distance
+        return -4.0 / 3.0 * self.modulus * math.sqrt(partners.effective_radius * overlap) * overlap
+
+    def second(self, distance: float, partners: Partners) -> float:
+        """Return d2u/dr2 [energy/length^2]."""
+        overlap = partners.contact_distance - distance
+        return 2.0 * self.modulus * math.sqrt(partners.effective_radius * overlap)
+
+
 def law_scale(law: Any, length: float) -> float:
-    """Return the energy unit of a law: its energy_scale, or stiffness * length^2, or that of its own law [energy].
+    """Return the energy unit of a law: its energy_scale, stiffness * length^2, modulus * length^3, or that of its law.
 
     Parameters
     ----------
     law
         An instance of a registered law.
     length
-        Reference diameter [length], used by laws with a stiffness.
+        Reference diameter [length], used by laws with a stiffness or a modulus.
 
     """
     within = getattr(law, "law", None)
     if within is not None:
         return law_scale(within, length)
-    scale = getattr(law, "energy_scale", None)
-    return float(scale) if scale is not None else float(law.stiffness) * length * length
+    for name, power in (("energy_scale", 0), ("stiffness", 2)):
+        if hasattr(law, name):
+            return float(getattr(law, name)) * length**power
+    return float(law.modulus) * length**3

@@ -10,7 +10,7 @@ import inspect
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numba import literal_unroll
@@ -24,6 +24,7 @@ from packmech.effects.derivatives import (
     default_record,
     may_jump,
 )
+from packmech.effects.partners import Partners, as_asked, asks_for_partners, equal_partners, told
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
 
@@ -48,6 +49,8 @@ _HOOKS = {
     "bath_rate": 1,
 }
 _INTERACTION = tuple(name for name in _HOOKS if name == "reach" or name.startswith("interaction"))
+# those of the distance and the contact distance, or the partners
+_OF_PAIRS = ("pair_energy", "pair_first", "pair_second", "cap_force")
 _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
 
 
@@ -60,8 +63,8 @@ class TouchingPair(NamedTuple):
 
     Attributes
     ----------
-    distance, contact_distance
-        Of ellipses, spheroids and beads as laws take them [length].
+    distance, contact_distance, effective_radius
+        Of ellipses, spheroids and beads as laws take them, the last as in `Partners` [length].
     rate
         d(distance)/dt, negative on approach [length/time].
     energy, first, second
@@ -80,6 +83,7 @@ class TouchingPair(NamedTuple):
     first: float
     second: float
     mass: float
+    effective_radius: float
 
 
 def effect(cls: E) -> E:
@@ -115,9 +119,10 @@ def effect(cls: E) -> E:
                                                                `packmech.effects.interaction`
         =====================================================  =========================================================
 
-        Those of pairs are asked for distances below contact. (x, y, z) is the place in the cell: an energy that differs
-        at opposite faces jumps where a particle crosses one. A class whose force is meant to jump at contact says so,
-        `force_jumps = True`; others must go to zero there.
+        Those of pairs are asked for distances below contact. A hook that names a parameter `partners` where these have
+        `contact_distance` is told the effective radius of the two as well (`Partners`). (x, y, z) is the place in the
+        cell: an energy that differs at opposite faces jumps where a particle crosses one. A class whose force is meant
+        to jump at contact says so, `force_jumps = True`; others must go to zero there.
 
     Raises
     ------
@@ -139,7 +144,7 @@ def effect(cls: E) -> E:
     ...         return -4.0 * self.strength * (1.0 - distance / contact_distance) ** 3 / contact_distance
     ...     def pair_second(self, distance, contact_distance):
     ...         return 12.0 * self.strength * (1.0 - distance / contact_distance) ** 2 / contact_distance**2
-    >>> terms = contact_terms((Quartic(2.0),), np.array([0.5]), np.array([1.0]))
+    >>> terms = contact_terms((Quartic(2.0),), equal_touches(np.array([0.5]), np.array([1.0])))
     >>> terms.energy_c.tolist(), terms.first_c.tolist()
     ([0.125], [-1.0])
 
@@ -167,11 +172,18 @@ def effect(cls: E) -> E:
     example = default_record(cls)
     if example is not None:
         check_effect(example)
-    records: dict[str, tuple[Any, ...]] = {"pair_damping": (TouchingPair(*map(float, range(7))),)}
-    if memory:
-        numbers = (0.0,) * memory
-        records |= {name: (1.0, 1.0, 1.0, numbers) for name in _INTERACTION[1:]}
-        records["remember"] = (1.0, 1.0, numbers)
+    records: dict[str, tuple[Any, ...]] = {"pair_damping": (TouchingPair(*map(float, range(8))),)}
+    numbers = ((0.0,) * memory,) if memory else ()
+    for name in hooks:
+        pair: tuple[Any, ...] = (equal_partners(1.0) if asks_for_partners(cls, name) else 1.0,)
+        if name in _OF_PAIRS:
+            records[name] = (1.0, *pair)
+        elif name == "reach":
+            records[name] = pair
+        elif name == "remember":
+            records[name] = (1.0, *pair, *numbers)
+        elif name in _INTERACTION:
+            records[name] = (1.0, *pair, 1.0, *numbers)
     _COMPILED[cls] = compiled_methods("effect", cls, hooks, records)
     return cls
 
@@ -201,9 +213,9 @@ def check_effect(effect: Any) -> None:
     A hook that it lacks is zero.
     """
     hooks = (
-        lambda distance, contact_distance: pair_energy(effect, distance, contact_distance),
-        lambda distance, contact_distance: pair_first(effect, distance, contact_distance),
-        lambda distance, contact_distance: pair_second(effect, distance, contact_distance),
+        lambda distance, contact_distance: pair_energy(effect, distance, equal_partners(contact_distance)),
+        lambda distance, contact_distance: pair_first(effect, distance, equal_partners(contact_distance)),
+        lambda distance, contact_distance: pair_second(effect, distance, equal_partners(contact_distance)),
     )
     what, names = f"effect {written_name(type(effect))}", ("pair_energy", "pair_first", "pair_second")
     check_derivatives(what, names, hooks)
@@ -218,7 +230,7 @@ def check_effect(effect: Any) -> None:
 def _check_damping(what: str, effect: Any) -> None:
     """Refuse a dashpot that pushes along the motion, or is no number, under a spring of stiffness 1."""
     for overlap, rate, mass in itertools.product(_OVERLAPS, _RATES, _MASSES):
-        pair = TouchingPair(1.0 - overlap, 1.0, rate, 0.5 * overlap**2, -overlap, 1.0, mass)
+        pair = TouchingPair(1.0 - overlap, 1.0, rate, 0.5 * overlap**2, -overlap, 1.0, mass, 0.25)
         try:
             found = pair_damping(effect, pair)
         except ArithmeticError:
@@ -252,22 +264,22 @@ def registered_effects() -> tuple[type, ...]:
     return tuple(_COMPILED)
 
 
-def pair_energy(effect: Any, distance: float, contact_distance: float) -> float:
+def pair_energy(effect: Any, distance: float, partners: Partners) -> float:
     """Return the energy of a touching pair under one effect [energy]."""
     hook = getattr(effect, "pair_energy", None)
-    return 0.0 if hook is None else hook(distance, contact_distance)
+    return 0.0 if hook is None else hook(distance, as_asked(effect, "pair_energy", partners))
 
 
-def pair_first(effect: Any, distance: float, contact_distance: float) -> float:
+def pair_first(effect: Any, distance: float, partners: Partners) -> float:
     """Return the radial derivative of the energy of a touching pair under one effect [force]."""
     hook = getattr(effect, "pair_first", None)
-    return 0.0 if hook is None else hook(distance, contact_distance)
+    return 0.0 if hook is None else hook(distance, as_asked(effect, "pair_first", partners))
 
 
-def pair_second(effect: Any, distance: float, contact_distance: float) -> float:
+def pair_second(effect: Any, distance: float, partners: Partners) -> float:
     """Return the second radial derivative of a touching pair under one effect [force/length]."""
     hook = getattr(effect, "pair_second", None)
-    return 0.0 if hook is None else hook(distance, contact_distance)
+    return 0.0 if hook is None else hook(distance, as_asked(effect, "pair_second", partners))
 
 
 def pair_damping(effect: Any, pair: TouchingPair) -> float:
@@ -276,10 +288,10 @@ def pair_damping(effect: Any, pair: TouchingPair) -> float:
     return 0.0 if hook is None else hook(pair)
 
 
-def cap_force(effect: Any, distance: float, contact_distance: float) -> float:
+def cap_force(effect: Any, distance: float, partners: Partners) -> float:
     """Return what one effect adds to the normal force of Coulomb's limit [force]."""
     hook = getattr(effect, "cap_force", None)
-    return 0.0 if hook is None else hook(distance, contact_distance)
+    return 0.0 if hook is None else hook(distance, as_asked(effect, "cap_force", partners))
 
 
 def damps(effect: Any) -> bool:
@@ -292,36 +304,33 @@ def hook_of(numba_type: Any, name: str) -> Callable[..., Any] | None:
     return _COMPILED.get(getattr(numba_type, "instance_class", None), {}).get(name)  # type: ignore[arg-type]
 
 
-@compiled_form(pair_energy)
-def _pair_energy(effect: Any, distance: Any, contact_distance: Any) -> Any:
-    function = hook_of(effect, "pair_energy")
+def _hook_at(effect: Any, name: str) -> Callable[..., float]:
+    """Return what compiled code runs for a hook of touching pairs of an effect of this type; zero without one."""
+    function = hook_of(effect, name)
     if function is None:
-        return lambda effect, distance, contact_distance: 0.0
-    return function
+        return lambda effect, distance, partners: 0.0
+    contact = told(effect.instance_class, name)
+    return lambda effect, distance, partners: function(effect, distance, contact(partners))
 
 
-@compiled_form(pair_first)
-def _pair_first(effect: Any, distance: Any, contact_distance: Any) -> Any:
-    function = hook_of(effect, "pair_first")
-    if function is None:
-        return lambda effect, distance, contact_distance: 0.0
-    return function
+@compiled_form(pair_energy, inline=True)
+def _pair_energy(effect: Any, distance: Any, partners: Any) -> Any:
+    return _hook_at(effect, "pair_energy")
 
 
-@compiled_form(pair_second)
-def _pair_second(effect: Any, distance: Any, contact_distance: Any) -> Any:
-    function = hook_of(effect, "pair_second")
-    if function is None:
-        return lambda effect, distance, contact_distance: 0.0
-    return function
+@compiled_form(pair_first, inline=True)
+def _pair_first(effect: Any, distance: Any, partners: Any) -> Any:
+    return _hook_at(effect, "pair_first")
 
 
-@compiled_form(cap_force)
-def _cap_force(effect: Any, distance: Any, contact_distance: Any) -> Any:
-    function = hook_of(effect, "cap_force")
-    if function is None:
-        return lambda effect, distance, contact_distance: 0.0
-    return function
+@compiled_form(pair_second, inline=True)
+def _pair_second(effect: Any, distance: Any, partners: Any) -> Any:
+    return _hook_at(effect, "pair_second")
+
+
+@compiled_form(cap_force, inline=True)
+def _cap_force(effect: Any, distance: Any, partners: Any) -> Any:
+    return _hook_at(effect, "cap_force")
 
 
 @compiled_form(pair_damping)
@@ -332,7 +341,7 @@ def _pair_damping(effect: Any, pair: Any) -> Any:
     return function
 
 
-def at_overlap(effects: Sequence[Any], overlap: float, contact_distance: float, mass: float) -> TouchingPair:
+def at_overlap(effects: Sequence[Any], overlap: float, partners: Partners, mass: float) -> TouchingPair:
     """Return a pair that touches and hardly moves, under effects walked in plain Python.
 
     Parameters
@@ -341,16 +350,56 @@ def at_overlap(effects: Sequence[Any], overlap: float, contact_distance: float, 
         Effects of pairs, none with arrays of their own.
     overlap
         Relative overlap, 1 - distance / contact distance [1].
-    contact_distance, mass
+    partners
+        The two particles.
+    mass
         As of a `TouchingPair`.
 
     """
-    distance = (1.0 - overlap) * contact_distance
+    distance = (1.0 - overlap) * partners.contact_distance
     energy, first, second = (
-        float(sum(part(one, distance, contact_distance) for one in effects))
-        for part in (pair_energy, pair_first, pair_second)
+        float(sum(part(one, distance, partners) for one in effects)) for part in (pair_energy, pair_first, pair_second)
     )
-    return TouchingPair(distance, contact_distance, 0.0, energy, first, second, mass)
+    return TouchingPair(
+        distance, partners.contact_distance, 0.0, energy, first, second, mass, partners.effective_radius
+    )
+
+
+class Touches(Protocol):
+    """Contacts, as laws are asked for them: their (C,) distances, contact distances and effective radii [length]."""
+
+    @property
+    def distance_c(self) -> NDArray[np.float64]:
+        """Distances of the centers, or those at which laws are taken [length]."""
+        ...
+
+    @property
+    def contact_distance_c(self) -> NDArray[np.float64]:
+        """Distances at which they would just touch [length]."""
+        ...
+
+    @property
+    def effective_radius_c(self) -> NDArray[np.float64]:
+        """Effective radii, as in `Partners` [length]."""
+        ...
+
+
+class Distances(NamedTuple):
+    """The (C,) distances, contact distances and effective radii of contacts, and no more [length]."""
+
+    distance_c: NDArray[np.float64]
+    contact_distance_c: NDArray[np.float64]
+    effective_radius_c: NDArray[np.float64]
+
+
+def at_distances(touches: Touches, distance_c: NDArray[np.float64]) -> Distances:
+    """Return the contacts at other distances."""
+    return Distances(distance_c, touches.contact_distance_c, touches.effective_radius_c)
+
+
+def equal_touches(distance_c: NDArray[np.float64], contact_distance_c: NDArray[np.float64]) -> Distances:
+    """Return contacts of particles of one size, or with a mirror image: effective radii are a quarter of the others."""
+    return Distances(distance_c, contact_distance_c, 0.25 * contact_distance_c)
 
 
 class ContactTerms(NamedTuple):
@@ -362,36 +411,34 @@ class ContactTerms(NamedTuple):
 
 
 @kernel
-def _contact_terms(effects, distance_c, contact_distance_c, touching_c, energy_c, first_c, second_c):  # type: ignore[no-untyped-def]
+def _contact_terms(  # type: ignore[no-untyped-def]
+    effects, distance_c, contact_distance_c, effective_radius_c, touching_c, energy_c, first_c, second_c
+):
     for c in range(distance_c.shape[0]):
         if touching_c[c]:
             r = distance_c[c]
-            sigma = contact_distance_c[c]
+            partners = Partners(contact_distance_c[c], effective_radius_c[c])
             energy = 0.0
             first = 0.0
             second = 0.0
             for one in literal_unroll(effects):
-                energy += pair_energy(one, r, sigma)
-                first += pair_first(one, r, sigma)
-                second += pair_second(one, r, sigma)
+                energy += pair_energy(one, r, partners)
+                first += pair_first(one, r, partners)
+                second += pair_second(one, r, partners)
             energy_c[c] = energy
             first_c[c] = first
             second_c[c] = second
 
 
 @kernel
-def _cap_forces(effects, distance_c, contact_distance_c, cap_c):  # type: ignore[no-untyped-def]
+def _cap_forces(effects, distance_c, contact_distance_c, effective_radius_c, cap_c):  # type: ignore[no-untyped-def]
     for c in range(distance_c.shape[0]):
+        partners = Partners(contact_distance_c[c], effective_radius_c[c])
         for one in literal_unroll(effects):
-            cap_c[c] += cap_force(one, distance_c[c], contact_distance_c[c])
+            cap_c[c] += cap_force(one, distance_c[c], partners)
 
 
-def under_cap(
-    effects: tuple[Any, ...],
-    normal_c: NDArray[np.float64],
-    distance_c: NDArray[np.float64],
-    contact_distance_c: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def under_cap(effects: tuple[Any, ...], normal_c: NDArray[np.float64], touches: Touches) -> NDArray[np.float64]:
     """Return the (C,) normal forces that Coulomb's limit is made of: those given, and what cohesion adds.
 
     Parameters
@@ -400,33 +447,33 @@ def under_cap(
         The scene's effects.
     normal_c
         (C,) normal forces of the repulsion [force].
-    distance_c, contact_distance_c
-        (C,) distances and contact distances [length].
+    touches
+        The contacts.
 
     """
     acting = tuple(one for one in effects if hasattr(type(one), "cap_force"))
     if not acting:
         return normal_c
     cap = np.abs(normal_c)
-    _cap_forces(acting, np.ascontiguousarray(distance_c), np.ascontiguousarray(contact_distance_c), cap)
+    _cap_forces(acting, *_columns(touches), cap)
     return np.asarray(np.maximum(cap, 0.0))
 
 
-def contact_terms(
-    effects: tuple[Any, ...],
-    distance_c: NDArray[np.float64],
-    contact_distance_c: NDArray[np.float64],
-    *,
-    closing: bool = False,
-) -> ContactTerms:
+def _columns(touches: Touches) -> tuple[NDArray[np.float64], ...]:
+    """Return distances, contact distances and effective radii, one behind the other in memory."""
+    columns = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
+    return tuple(np.ascontiguousarray(column, dtype=np.float64) for column in columns)
+
+
+def contact_terms(effects: tuple[Any, ...], touches: Touches, *, closing: bool = False) -> ContactTerms:
     """Return energy, du/dr and d2u/dr2 of each contact, summed over the effects.
 
     Parameters
     ----------
     effects
         The scene's effects.
-    distance_c, contact_distance_c
-        (C,) center distances and contact distances [length].
+    touches
+        The contacts, or their (C,) distances, contact distances and effective radii: `Distances`.
     closing
         Give pairs that just touch, or are open, the derivatives of the closed side at contact (distance = contact
         distance). A lattice at its jamming point has the stiffness V''(1-) this way.
@@ -435,12 +482,12 @@ def contact_terms(
     --------
     >>> import packmech as pm
     >>> effects = (pm.Repulsion(law=pm.Harmonic()),)
-    >>> contact_terms(effects, np.array([0.8, 1.2]), np.array([1.0, 1.0])).second_c.tolist()
+    >>> touches = equal_touches(np.array([0.8, 1.2]), np.array([1.0, 1.0]))
+    >>> contact_terms(effects, touches).second_c.tolist()
     [1.0, 0.0]
 
     """
-    distance = np.ascontiguousarray(distance_c, dtype=np.float64)
-    sigma = np.ascontiguousarray(contact_distance_c, dtype=np.float64)
+    distance, sigma, radius = _columns(touches)
     touching = distance < sigma
     if closing:
         distance = np.minimum(distance, sigma)
@@ -448,5 +495,5 @@ def contact_terms(
     energy, first, second = (np.zeros_like(distance) for _ in range(3))
     acting = tuple(one for one in effects if not is_bound(one))
     if acting:
-        _contact_terms(acting, distance, sigma, touching, energy, first, second)
+        _contact_terms(acting, distance, sigma, radius, touching, energy, first, second)
     return ContactTerms(energy, first, second)

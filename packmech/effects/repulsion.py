@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from packmech.effects.laws import Harmonic, Law, law_energy, law_first, law_second
 from packmech.effects.pair import effect
+from packmech.effects.partners import Partners
 
 
 @effect
@@ -14,14 +15,14 @@ class Repulsion(NamedTuple):
 
     law: Law = Harmonic()
 
-    def pair_energy(self, distance: float, contact_distance: float) -> float:
+    def pair_energy(self, distance: float, partners: Partners) -> float:
         """Return the energy [energy]."""
-        return law_energy(self.law, distance, contact_distance)
+        return law_energy(self.law, distance, partners)
 
-    def pair_first(self, distance: float, contact_distance: float) -> float:
+    def pair_first(self, distance: float, partners: Partners) -> float:
         """Return du/dr [force]."""
-        return law_first(self.law, distance, contact_distance)
+        return law_first(self.law, distance, partners)
 
-    def pair_second(self, distance: float, contact_distance: float) -> float:
+    def pair_second(self, distance: float, partners: Partners) -> float:
         """Return d2u/dr2 [force/length]."""
-        return law_second(self.law, distance, contact_distance)
+        return law_second(self.law, distance, partners)

@@ -16,6 +16,7 @@ from packmech.effects.damping import ViscoelasticDamping
 from packmech.effects.interaction import is_interaction
 from packmech.effects.laws import Law, is_law
 from packmech.effects.pair import at_overlap, damps, is_bound, is_effect, pair_damping, pair_energy
+from packmech.effects.partners import Partners, partners_of
 from packmech.effects.repulsion import Repulsion
 
 # relative error of the collision's integration
@@ -70,29 +71,30 @@ def coefficient_of_restitution(
     return _restitution(acting, positive("speed", speed), *_pair_of(radii, masses))
 
 
-def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[float, float]:
-    """Return the contact distance and the reduced mass of two particles; one of the masses may be infinite."""
-    sigma = float(positive_array("radii", radii, shape=(2,), what="radius").sum())
+def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[Partners, float]:
+    """Return the partners and the reduced mass of two particles; one of the masses may be infinite."""
+    partners = partners_of(*positive_array("radii", radii, shape=(2,), what="radius").tolist())
     try:
         found = np.asarray(masses, dtype=np.float64)
     except (TypeError, ValueError):
         raise TypeError(f"masses must be two positive numbers, got {masses!r}") from None
     if found.shape != (2,) or not (found > 0.0).all() or np.isinf(found).all():
         raise ValueError(f"masses must be two positive numbers, one of them finite, got {masses!r}")
-    return sigma, 1.0 / float((1.0 / found).sum())
+    return partners, 1.0 / float((1.0 / found).sum())
 
 
-def _restitution(effects: tuple[Any, ...], speed: float, sigma: float, mass: float) -> float:
-    """Return the restitution of a pair of this contact distance and reduced mass."""
+def _restitution(effects: tuple[Any, ...], speed: float, partners: Partners, mass: float) -> float:
+    """Return the restitution of two particles of this reduced mass."""
+    sigma = partners.contact_distance
     start = 0.5 * mass * speed * speed
-    deepest = _overlap_of(effects, start, sigma)
+    deepest = _overlap_of(effects, start, partners)
 
     # lengths in the deepest overlap without dashpots, speeds in the first one
     def slope(_: float, state: NDArray[np.float64]) -> tuple[float, float]:
         overlap, rate = float(state[0]) * deepest, float(state[1]) * speed
         if not overlap > 0.0:
             return state[1], 0.0
-        pair = at_overlap(effects, overlap / sigma, sigma, mass)._replace(rate=-rate)
+        pair = at_overlap(effects, overlap / sigma, partners, mass)._replace(rate=-rate)
         force = pair.first - rate * sum(pair_damping(one, pair) for one in effects)
         return state[1], force / mass * deepest / speed**2
 
@@ -101,7 +103,7 @@ def _restitution(effects: tuple[Any, ...], speed: float, sigma: float, mass: flo
 
     def stopped(_: float, state: NDArray[np.float64]) -> float:
         overlap = max(float(state[0]), 0.0) * deepest
-        left = sum(float(pair_energy(one, sigma - overlap, sigma)) for one in effects)
+        left = sum(float(pair_energy(one, sigma - overlap, partners)) for one in effects)
         return left / start + float(state[1]) ** 2 - _STOPPED
 
     parted.terminal, parted.direction = True, -1.0  # type: ignore[attr-defined]
@@ -112,11 +114,12 @@ def _restitution(effects: tuple[Any, ...], speed: float, sigma: float, mass: flo
     return abs(float(run.y[1, -1])) if len(run.t_events[0]) else 0.0
 
 
-def _overlap_of(effects: tuple[Any, ...], energy: float, sigma: float) -> float:
+def _overlap_of(effects: tuple[Any, ...], energy: float, partners: Partners) -> float:
     """Return the overlap at which a pair has this energy [length]."""
+    sigma = partners.contact_distance
 
     def beyond(overlap: float) -> float:
-        return sum(float(pair_energy(one, sigma - overlap, sigma)) for one in effects) - energy
+        return sum(float(pair_energy(one, sigma - overlap, partners)) for one in effects) - energy
 
     high = 0.999 * sigma
     if not beyond(high) > 0.0:
@@ -165,7 +168,7 @@ def viscoelastic_time(
     if not is_law(law):
         raise TypeError(f"law must be a law such as Hertz(), got {law!r}")
 
-    sigma, mass = _pair_of(radii, masses)
+    partners, mass = _pair_of(radii, masses)
     energy = 0.5 * mass * positive("speed", speed) ** 2
 
     def beyond(time: float) -> float:
@@ -173,7 +176,7 @@ def viscoelastic_time(
         return coefficient_of_restitution(effects, speed, radii=radii, masses=masses) - aim
 
     # a little of the time that a collision takes
-    return _root(beyond, 1e-3 * _overlap_of((Repulsion(law),), energy, sigma) / positive("speed", speed))
+    return _root(beyond, 1e-3 * _overlap_of((Repulsion(law),), energy, partners) / positive("speed", speed))
 
 
 def _root(beyond: Callable[[float], float], start: float) -> float:

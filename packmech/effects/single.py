@@ -13,7 +13,7 @@ from packmech.contacts.wall_touches import WallTouches, wall_touches
 from packmech.effects.body import Gravity, Walls, body_energy, body_force, body_second
 from packmech.effects.friction import Friction
 from packmech.effects.held import FixedParticles
-from packmech.effects.pair import contact_terms
+from packmech.effects.pair import contact_terms, equal_touches
 from packmech.effects.repulsion import Repulsion
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
@@ -284,7 +284,7 @@ def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
     second[:, :d, :d] = stiffness[:, :d, :d] = others.second_ndd
     push_kn: dict[int, NDArray[np.float64]] = {}
     for k, wall, _, touches in wall_sides(effects, packing):
-        terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
+        terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
         # half of what the particle and its mirror image have together
         first, steep = 0.5 * terms.first_c, 0.5 * terms.second_c
         np.add.at(energy, touches.particle_w, 0.5 * terms.energy_c)

@@ -211,7 +211,7 @@ def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance
         law = ", ".join(repr(one) for one in effects)
     contacts = find_contacts(packing)
     contacts = contacts.select(contacts.overlap_c > 0)
-    terms = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c)
+    terms = contact_terms(effects, contacts)
     mean = float(np.abs(terms.first_c).mean()) if len(contacts) else 0.0
     if mean == 0.0:
         return RestCheck(0.0, 0.0, rest_tolerance, law)

@@ -84,7 +84,7 @@ def classify_shaped(
 def _carrying(network: Network, scene: Scene) -> Network:
     """Return the network without contacts that bear nothing: bodies that turn freely come to rest against others."""
     one = network.contacts
-    force = -contact_terms(scene.effects, one.distance_c, one.contact_distance_c).first_c
+    force = -contact_terms(scene.effects, one).first_c
     if not len(one) or not force.max() > 0.0:
         return network
     return replace(network, contacts=one.select(force > _CARRYING * float(force.mean())))
@@ -157,7 +157,7 @@ def _balanced(
     if force_ck.shape[1] == 1:
         force = force_ck[:, 0] * np.sign(force_ck[:, 0].sum())
     else:
-        own = -contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+        own = -contact_terms(scene.effects, contacts).first_c
         force = force_ck @ (force_ck.T @ own)
         if np.abs(force - own).max() > max(_BALANCED, rest.limit) * float(np.abs(own).max(initial=0.0)):
             return None

@@ -99,8 +99,7 @@ class ContactForces:
     @functools.cached_property
     def under_cap_c(self) -> NDArray[np.float64]:
         """The (C,) normal forces that Coulomb's limit is made of, with what cohesion adds [force]."""
-        pairs = self.contacts
-        return under_cap(self.scene.effects, self.normal_c, pairs.distance_c, pairs.contact_distance_c)
+        return under_cap(self.scene.effects, self.normal_c, self.contacts)
 
     @functools.cached_property
     def limit(self) -> CoulombLimit:
@@ -141,7 +140,7 @@ class ContactForces:
         """The energy of contacts and their tangential springs, interactions, what acts on single particles [energy]."""
         effects, pairs = self.scene.effects, self.contacts
         springs = tangential_forces(self.scene, pairs, self.under_cap_c).energy_c + self.turning.energy_c
-        whole = float(np.add.reduce(contact_terms(effects, pairs.distance_c, pairs.contact_distance_c).energy_c))
+        whole = float(np.add.reduce(contact_terms(effects, pairs).energy_c))
         whole += float(np.add.reduce(self.interactions.energy_c))
         whole += float(np.add.reduce(springs)) + float(np.add.reduce(self._pushes.terms.energy_n))
         return whole + self._pushes.springs
@@ -255,7 +254,7 @@ class ContactForces:
         """Return whether the residual is at most that, or no more than rounding of the coordinates makes of it."""
         if self.residual <= tolerance:
             return True
-        terms = contact_terms(self.scene.effects, self.contacts.distance_c, self.contacts.contact_distance_c)
+        terms = contact_terms(self.scene.effects, self.contacts)
         return self.largest_imbalance <= _FLOORS * rounding_force(self.scene.packing, terms.second_c)
 
     def warn_of_rattlers(self, left_out: int) -> None:
@@ -489,10 +488,10 @@ def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
     instance("scene", scene, Scene)
     refuse_unknown_to_shapes(scene)
     contacts = acting_contacts(touching_pairs(scene.packing, second=second), scene.effects)
-    terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+    terms = contact_terms(scene.effects, contacts)
     # 0 - u', so that a contact without a force has 0 and not -0
     normal = 0.0 - terms.first_c * contacts.push_c
-    cap = under_cap(scene.effects, normal, contacts.distance_c, contacts.contact_distance_c)
+    cap = under_cap(scene.effects, normal, contacts)
     across = tangential_forces(scene, contacts, cap).force_cd
     return ContactForces(scene, contacts, normal, across)
 

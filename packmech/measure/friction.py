@@ -16,6 +16,7 @@ from packmech.effects import (
     WallSide,
     at_contact,
     contact_terms,
+    equal_touches,
     friction_of,
     rolling_of,
     twisting_of,
@@ -69,7 +70,7 @@ def tangential_forces(
     """
     friction = friction_of(scene.effects)
     if friction is not None:
-        terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+        terms = contact_terms(scene.effects, contacts)
         friction = at_contact(friction, terms.second_c * contacts.push_c**2, 0.0)
     displacement = _displacements(scene, contacts, "displacement_ck")
     return _across(friction, displacement, contacts.normal_cd, normal_c)
@@ -146,7 +147,7 @@ def _resistance(side: WallSide, d: int, stretch_wk: NDArray[np.float64]) -> Wall
     wall, touches = side.wall, side.touches
     rough: Any = wall.roughness
     turns = 1 if d == 2 else 3
-    terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
+    terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
     normal = np.zeros((len(touches), d))
     normal[:, int(wall.axis)] = -side.below
     push, arm = np.abs(terms.first_c), 0.5 * touches.distance_w

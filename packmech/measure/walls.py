@@ -13,6 +13,7 @@ from packmech.check import instance
 from packmech.effects import (
     Repulsion,
     contact_terms,
+    equal_touches,
     held_particles,
     refuse_unknown_to_shapes,
     wall_sides,
@@ -67,7 +68,7 @@ def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts
     for k, wall, side, touches in sides:
         across = across_wd[first : first + len(touches)]
         first += len(touches)
-        terms = contact_terms((Repulsion(law=wall.law),), touches.distance_w, touches.contact_distance_w)
+        terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
         # the slope of half the energy of the particle and its mirror image
         force = -0.5 * terms.first_c * np.abs(touches.slope_wx[:, int(wall.axis)])
         kept = force != 0.0

@@ -35,6 +35,7 @@ from packmech.effects import (
     TouchingPair,
     acting_contacts,
     at_contact,
+    at_distances,
     bonds_of,
     contact_terms,
     damps,
@@ -193,14 +194,15 @@ def _damping(scene: Scene, found: Contacts | ShapeContacts, weight_n: NDArray[np
     acting, packing = [one for one in scene.effects if damps(one)], scene.packing
     sigma, slope, d = found.contact_distance_c, found.slope_cx, packing.dimension
     distance = np.minimum(found.distance_c, (1.0 - _CLOSED) * sigma)
-    terms = contact_terms(scene.effects, distance, sigma)
+    closed = at_distances(found, distance)
+    terms = contact_terms(scene.effects, closed)
     inverse = (weight_n[found.i_c] + weight_n[found.j_c]) * (slope[:, :d] ** 2).sum(axis=1)
     for particle, part in zip((found.i_c, found.j_c), np.split(slope[:, d:], 2, axis=1), strict=True):
         if part.shape[1]:
             turned = np.einsum("ckt,ct->ck", packing.turn_nkt[particle], part)
             inverse += weight_n[particle] * (turned**2).sum(axis=1)
     mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
-    columns = (distance, sigma, np.zeros_like(sigma), *terms, mass)
+    columns = (distance, sigma, np.zeros_like(sigma), *terms, mass, closed.effective_radius_c)
     pairs = (TouchingPair(*row) for row in zip(*(column.tolist() for column in columns), strict=True))
     return np.array([sum(pair_damping(one, pair) for one in acting) for pair in pairs], dtype=float)
 
@@ -228,7 +230,7 @@ def _touching(
     )
     springs, dashpots = elements_of(found, terms.first_c, terms.second_c), elements_of(found, slack, damping_c)
     radius = scene.packing.radius_n
-    cap = under_cap(scene.effects, -terms.first_c, found.distance_c, found.contact_distance_c)
+    cap = under_cap(scene.effects, -terms.first_c, found)
     friction = at_contact(friction, terms.second_c * found.push_c**2, damping_c)
     if np.any(friction.stiffness):
         across = tangential_forces(scene, found, cap).force_cd

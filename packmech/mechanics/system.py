@@ -276,7 +276,7 @@ def turning_springs(
 
 def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTerms:
     """Return the contacts' energies and derivatives, those that just touch taken from the closed side."""
-    return contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c, closing=True)
+    return contact_terms(scene.effects, contacts, closing=True)
 
 
 def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArray[np.float64] | None:

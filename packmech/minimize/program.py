@@ -17,6 +17,7 @@ from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import held_particles, is_interaction, pair_energy, pair_first, reach_beyond_contact
+from packmech.effects.partners import equal_partners
 from packmech.loop.run_loop import RunLoop, RunSettings
 from packmech.minimize.passes.interaction_rows import bonded_rows
 from packmech.minimize.passes.kernels import (
@@ -528,7 +529,7 @@ def _diverges(scene: Scene) -> bool:
     """Return whether the energy near the center is beyond measure."""
     sigma = scene.packing.reference_diameter
     try:
-        near = sum(float(pair_energy(one, 0.01 * sigma, sigma)) for one in scene.effects)
+        near = sum(float(pair_energy(one, 0.01 * sigma, equal_partners(sigma))) for one in scene.effects)
     except (OverflowError, ZeroDivisionError, ValueError):
         return True
     return not near < 1e3 * scene.energy_scale
@@ -539,8 +540,9 @@ def _bearable_overlap(scene: Scene, diverges: bool) -> float:
     if diverges:
         return _DEEP
     sigma = scene.packing.reference_diameter
+    pair = equal_partners(sigma)
     try:
-        close, deep = (sum(abs(float(pair_first(one, s * sigma, sigma))) for one in scene.effects) for s in _CLOSE)
+        close, deep = (sum(abs(float(pair_first(one, s * sigma, pair))) for one in scene.effects) for s in _CLOSE)
     except (OverflowError, ZeroDivisionError, ValueError):
         return _COINCIDENT
     except TypeError:

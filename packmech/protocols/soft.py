@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts.network import candidate_pairs, pair_contacts
 from packmech.contacts.pairs import are_among
+from packmech.effects import at_distances
 from packmech.jamming.hard_packing import ContactSystem, HardPacking, contact_system
 from packmech.minimize.second_order.soft_network import Load, Units, scaled_load
 from packmech.minimize.second_order.soft_newton import SoftState, descend, find_bottom, newton
@@ -101,7 +102,7 @@ def first_soft(hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], 
     packing, bearing = hard.packing, hard.contacts
     scale = pressure * packing.box.volume / packing.particles
     sigma = bearing.contact_distance_c
-    secant = hard.force_c * scale / (units.overlap_of(hard.force_c * scale, sigma) * sigma)
+    secant = hard.force_c * scale / (units.overlap_of(hard.force_c * scale, bearing) * sigma)
     unit = float(secant.mean())
     load_k = np.einsum("kaa->k", basis_kdd) * (packing.particles * scale / unit)
     # pairs that all but touch may close under the load: soft motions are thousands of times larger than overlaps
@@ -199,10 +200,10 @@ def follow_pressure(
     volume, particles = hard.packing.box.volume, hard.packing.particles
 
     def depth_at(at: float) -> float:
-        return float(units.overlap_of(hard.force_c * (at * volume / particles), sigma).mean())
+        return float(units.overlap_of(hard.force_c * (at * volume / particles), hard.contacts).mean())
 
     def pressure_at(depth: float) -> float:
-        force = -units.derivatives(sigma * (1.0 - depth), sigma)[0]
+        force = -units.terms(at_distances(hard.contacts, sigma * (1.0 - depth)))[0]
         return float((force * sigma).sum()) / (hard.packing.dimension * volume)
 
     goal = depth_at(pressure)

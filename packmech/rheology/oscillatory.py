@@ -13,7 +13,7 @@ from packmech.calls.honors import honors
 from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
-from packmech.effects import bonds_of, is_bound, law_second, pair_second
+from packmech.effects import bonds_of, equal_partners, is_bound, law_second, pair_second
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
@@ -235,11 +235,12 @@ def characteristic_time(scene: Scene) -> float:
         If nothing is stiff at contact.
 
     """
-    sigma = scene.packing.reference_diameter
+    pair = equal_partners(scene.packing.reference_diameter)
+    close = (1.0 - _TOUCH) * pair.contact_distance
     bonds, pairs = bonds_of(scene.effects), [one for one in scene.effects if not is_bound(one)]
-    stiffness = abs(sum(pair_second(one, (1.0 - _TOUCH) * sigma, sigma) for one in pairs))
+    stiffness = abs(sum(pair_second(one, close, pair) for one in pairs))
     if stiffness == 0.0 and bonds is not None:
-        stiffness = abs(law_second(bonds.compression, (1.0 - _TOUCH) * sigma, sigma))
+        stiffness = abs(law_second(bonds.compression, close, pair))
     if not stiffness > 0.0:
         raise ValueError("relative_frequency must be left out where contacts have no stiffness: give frequency")
     return math.sqrt(float(scene.packing.mass_n.mean()) / stiffness)

@@ -144,7 +144,7 @@ def relative_tension(packing: Packing, contacts: Contacts, effects: tuple[Any, .
     """Return the (L,) forces of the links over the mean contact force, tension positive [1]; 0 without effects."""
     links = packing.links
     if len(links) and effects and len(contacts):
-        first_c = contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c
+        first_c = contact_terms(effects, contacts).first_c
         mean = float(np.abs(first_c).mean())
         if mean > 0.0:
             return tension_of(Scene(packing, effects)) / mean
@@ -301,7 +301,7 @@ def _relative_force(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]
 
 def force_magnitudes(contacts: Contacts | ShapeContacts, effects: tuple[Any, ...]) -> NDArray[np.float64]:
     """Return the (C,) magnitudes of the forces that effects exert at contacts [force]."""
-    force_c = np.abs(contact_terms(effects, contacts.distance_c, contacts.contact_distance_c).first_c)
+    force_c = np.abs(contact_terms(effects, contacts).first_c)
     return force_c * contacts.push_c
 
 

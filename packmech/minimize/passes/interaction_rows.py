@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from packmech.constraints.compiled_links import LinkedPairs
 from packmech.effects import bonds_of, law_energy, law_first, law_second, refuse_tangential_springs
 from packmech.effects.interaction import PairLaw, interaction_law, is_interaction
+from packmech.effects.partners import equal_partners, partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.minimize.passes.pair_list import inner_pairs, visit, walk
@@ -78,15 +79,15 @@ def bonded_rows(
 
 @inlined
 def _alignment_of_discs(shapes, row, i, j):
-    return row[i, 3] + row[j, 3], 1.0, 0.0, 0.0, 0.0
+    return partners_of(row[i, 3], row[j, 3]), 1.0, 0.0, 0.0, 0.0
 
 
 @inlined
 def _alignment_of_shapes(shapes, row, i, j):
     ax, ay, az = axis_of(shapes, i)
     bx, by, bz = axis_of(shapes, j)
-    sigma, alignment = shapes.radius_n[i] + shapes.radius_n[j], ax * bx + ay * by + az * bz
-    return sigma, alignment, ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    partners, alignment = partners_of(shapes.radius_n[i], shapes.radius_n[j]), ax * bx + ay * by + az * bz
+    return partners, alignment, ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 @device
@@ -101,7 +102,7 @@ def _stiffness_of_turns(shapes, stiffness_n, i, j, turns):
     stiffness_n[j] += turns / shapes.gyration_n[j] ** 2
 
 
-# the contact distance of two rows, their alignment, and its slopes along rotations of i
+# the partners that two rows are, their alignment, and its slopes along rotations of i
 _alignment_of = by_shape(_alignment_of_discs, _alignment_of_shapes, _alignment_of_shapes)
 # adds a torque to the row of i's turn and takes it from that of j's; adds a bound on the curvature along turns
 _turn = by_shape(lambda shapes, axes, force_nd, i, j, x, y, z: None, _turn_shapes, _turn_shapes)
@@ -111,10 +112,10 @@ _stiffen = by_shape(lambda shapes, stiffness_n, i, j, turns: None, _stiffness_of
 @inlined
 def law_between(shapes, effects, row, i, j, r):
     """Return the PairLaw of all interactions together, and the slopes of the alignment along rotations of i."""
-    sigma, alignment, x, y, z = _alignment_of(shapes, row, i, j)
+    partners, alignment, x, y, z = _alignment_of(shapes, row, i, j)
     energy = first = turning = second = mixed = bending = 0.0
     for one in literal_unroll(effects):
-        law = interaction_law(one, r, sigma, alignment)
+        law = interaction_law(one, r, partners, alignment)
         energy += law.energy
         first += law.first
         turning += law.turning
@@ -164,8 +165,8 @@ def _push_bonds(one, axes, row, force_nd):
     total = 0.0
     for b in range(one.rest_b.shape[0]):
         i, j, dx, dy, dz, r = _bond(one, row, b)
-        rest = one.rest_b[b]
-        first = law_first(one.compression, r, rest) if r < rest else law_first(one.tension, r, rest)
+        rest, closed = equal_partners(one.rest_b[b]), r < one.rest_b[b]
+        first = law_first(one.compression, r, rest) if closed else law_first(one.tension, r, rest)
         _pull(axes, force_nd, i, j, first, r, dx, dy, dz)
         total += abs(first)
     return total, one.rest_b.shape[0]
@@ -176,10 +177,10 @@ def _survey_bonds(one, row, virial_dd, stiffness_n):
     energy = 0.0
     for b in range(one.rest_b.shape[0]):
         i, j, dx, dy, dz, r = _bond(one, row, b)
-        rest = one.rest_b[b]
-        energy += law_energy(one.compression, r, rest) if r < rest else law_energy(one.tension, r, rest)
-        first = law_first(one.compression, r, rest) if r < rest else law_first(one.tension, r, rest)
-        second = law_second(one.compression, r, rest) if r < rest else law_second(one.tension, r, rest)
+        rest, closed = equal_partners(one.rest_b[b]), r < one.rest_b[b]
+        energy += law_energy(one.compression, r, rest) if closed else law_energy(one.tension, r, rest)
+        first = law_first(one.compression, r, rest) if closed else law_first(one.tension, r, rest)
+        second = law_second(one.compression, r, rest) if closed else law_second(one.tension, r, rest)
         _add_curvature(i, j, first, second, r, dx, dy, dz, virial_dd, stiffness_n)
     return energy
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions, project_forces, project_rows, refresh
 from packmech.effects import pair_energy, pair_first, pair_second
+from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
@@ -26,6 +27,7 @@ from packmech.minimize.passes.shape_rows import (
     by_shape,
     flat_spin,
     keep_turned,
+    partners_at,
     shape_touch,
     shapes_of,
     spin_of,
@@ -76,7 +78,7 @@ class Sums(NamedTuple):
 
 
 @device
-def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, partners):
     """Add the forces of a touching pair of discs or spheres, and return their size, and 1."""
     r = math.sqrt(square)
     inverse = 1.0 / r
@@ -87,7 +89,7 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy,
     if len(axes) == 3:
         rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
     rate *= inverse
-    first = _slope(effects, r, sigma, rate)
+    first = _slope(effects, r, partners, rate)
     push = first * inverse
     force_nd[i, 0] += push * dx
     force_nd[i, 1] += push * dy
@@ -110,29 +112,30 @@ _resistance = by_type(lambda effect, rate: 0.0, {Resistance: lambda effect, rate
 
 
 @device
-def _slope(effects, rho, sigma, rate):
+def _slope(effects, rho, partners, rate):
     first = 0.0
     for one in literal_unroll(effects):
-        first += pair_first(one, rho, sigma) + _resistance(one, rate)
+        first += pair_first(one, rho, partners) + _resistance(one, rate)
     return first
 
 
 @device
-def _law(effects, rho, sigma):
+def _law(effects, rho, partners):
     energy = first = second = 0.0
     for one in literal_unroll(effects):
-        energy += pair_energy(one, rho, sigma)
-        first += pair_first(one, rho, sigma)
-        second += pair_second(one, rho, sigma)
+        energy += pair_energy(one, rho, partners)
+        first += pair_first(one, rho, partners)
+        second += pair_second(one, rho, partners)
     return energy, first, second
 
 
 @inlined
-def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, sigma):
+def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, partners):
     """Do the same for two shapes whose surrounding discs or spheres overlap; torques go to the rows of the turns."""
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
-        dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
+        small = 1e-9 * partners.contact_distance
+        dx, dy, dz = small * nx, small * ny, small * nz
     n = shapes.radius_n.shape[0]
     total = 0.0
     touching = 0
@@ -150,7 +153,7 @@ def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy
             rate += touch.iz * flat_spin(shapes, row, velocity_nd, i) + touch.jz * flat_spin(
                 shapes, row, velocity_nd, j
             )
-        first = _slope(effects, touch.rho, touch.sigma, rate)
+        first = _slope(effects, touch.rho, partners_at(touch), rate)
         force_nd[i, 0] += first * touch.x
         force_nd[i, 1] += first * touch.y
         force_nd[j, 0] -= first * touch.x
@@ -187,22 +190,22 @@ class _PushingRows(NamedTuple):
 
 @inlined
 def _near(laws, pair):
-    """Return the square of a pair's distance, and how far its surrounding discs or spheres reach together."""
+    """Return the square of a pair's distance, and its surrounding discs or spheres as partners."""
     square = pair.dx * pair.dx + pair.dy * pair.dy
     if len(laws.axes) == 3:
         square += pair.dz * pair.dz
-    return square, laws.body[pair.i, 3] + laws.body[pair.j, 3]
+    return square, partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
 
 
 @visit.form(_PushingRows)
 @inlined
 def _push_listed(pushing, laws, pair, value):
-    square, sigma = _near(laws, pair)
+    square, partners = _near(laws, pair)
     total, touching = value
-    if square < sigma * sigma:
+    if square < partners.contact_distance * partners.contact_distance:
         more, one = _push_pair(
             laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pushing.velocity_nd,
-            pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, sigma,
+            pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, partners,
         )  # fmt: skip
         total += more
         touching += one
@@ -325,10 +328,10 @@ class Survey(NamedTuple):
 
 
 @device
-def _survey_round(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
+def _survey_round(shapes, effects, i, j, dx, dy, dz, square, partners, stiffness_n, virial):
     """Add the stiffness and the virial of a touching pair of discs or spheres; return its energy, overlap, and 1."""
     r = math.sqrt(square)
-    energy, first, second = _law(effects, r, sigma)
+    energy, first, second = _law(effects, r, partners)
     stiffness_n[i] += abs(second)
     stiffness_n[j] += abs(second)
     if r > 0.0:
@@ -339,14 +342,15 @@ def _survey_round(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n,
     virial[0, 2] += first * dx * dz
     virial[1, 2] += first * dy * dz
     virial[2, 2] += first * dz * dz
+    sigma = partners.contact_distance
     return energy, (sigma - r) / sigma, 1
 
 
 @device
-def _survey_shaped(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n, virial):
+def _survey_shaped(shapes, effects, i, j, dx, dy, dz, square, partners, stiffness_n, virial):
     """Do the same for all contacts of two particles; return their energy, the largest overlap, and their number."""
     if square == 0.0:
-        dx = 1e-9 * sigma
+        dx = 1e-9 * partners.contact_distance
     energy = deepest = 0.0
     contacts = 0
     for k in range(touches(shapes, i, j)):
@@ -355,7 +359,7 @@ def _survey_shaped(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n
             continue
         contacts += 1
         deepest = max(deepest, (touch.sigma - touch.rho) / touch.sigma)
-        own, first, second = _law(effects, touch.rho, touch.sigma)
+        own, first, second = _law(effects, touch.rho, partners_at(touch))
         energy += own
         turn_i = (touch.ix * touch.ix + touch.iy * touch.iy + touch.iz * touch.iz) / shapes.gyration_n[i] ** 2
         turn_j = (touch.jx * touch.jx + touch.jy * touch.jy + touch.jz * touch.jz) / shapes.gyration_n[j] ** 2
@@ -373,9 +377,9 @@ def _survey_shaped(shapes, effects, i, j, dx, dy, dz, square, sigma, stiffness_n
 
 
 @device
-def _touches_of_shapes(shapes, i, j, dx, dy, dz, square, sigma):
+def _touches_of_shapes(shapes, i, j, dx, dy, dz, square, partners):
     if square == 0.0:
-        dx = 1e-9 * sigma
+        dx = 1e-9 * partners.contact_distance
     number = 0
     for k in range(touches(shapes, i, j)):
         number += shape_touch(shapes, i, j, k, dx, dy, dz, shapes.dimension).touching
@@ -384,17 +388,17 @@ def _touches_of_shapes(shapes, i, j, dx, dy, dz, square, sigma):
 
 _survey_pair = by_shape(_survey_round, _survey_shaped, _survey_shaped)
 _touches_of = by_shape(
-    lambda shapes, i, j, dx, dy, dz, square, sigma: 1, _touches_of_shapes, _touches_of_shapes
+    lambda shapes, i, j, dx, dy, dz, square, partners: 1, _touches_of_shapes, _touches_of_shapes
 )  # fmt: skip
 
 
 @device
 def contacts_of(laws, pair):
     """Return in how many places two listed rows touch."""
-    square, sigma = _near(laws, pair)
-    if square >= sigma * sigma:
+    square, partners = _near(laws, pair)
+    if square >= partners.contact_distance * partners.contact_distance:
         return 0
-    return _touches_of(laws.shapes, pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, sigma)
+    return _touches_of(laws.shapes, pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, partners)
 
 
 class _SurveyingRows(NamedTuple):
@@ -407,11 +411,11 @@ class _SurveyingRows(NamedTuple):
 @visit.form(_SurveyingRows)
 @inlined
 def _survey_listed(surveying, laws, pair, value):
-    square, sigma = _near(laws, pair)
+    square, partners = _near(laws, pair)
     energy, deepest, contacts = value
-    if square < sigma * sigma:
+    if square < partners.contact_distance * partners.contact_distance:
         own, overlap, count = _survey_pair(
-            laws.shapes, laws.effects, pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, sigma,
+            laws.shapes, laws.effects, pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, partners,
             surveying.stiffness_n, surveying.virial_dd,
         )  # fmt: skip
         energy += own

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.contact_distance import exact_root, height, pair_of
 from packmech.contacts.scaled_contact import touch_of
+from packmech.effects.partners import Partners, partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -69,11 +70,15 @@ class RowLaws(NamedTuple):
 
 
 class ShapeTouch(NamedTuple):
-    """Whether two shapes touch, rho and contact distance, and rho's slopes along the vector and turns of i and j."""
+    """Whether two shapes touch, rho, contact distance and effective radius, and rho's slopes.
+
+    These along the vector and along the turns of i and j.
+    """
 
     touching: bool
     rho: float
     sigma: float
+    effective_radius: float
     x: float
     y: float
     z: float
@@ -83,6 +88,12 @@ class ShapeTouch(NamedTuple):
     jx: float
     jy: float
     jz: float
+
+
+@inlined
+def partners_at(touch):
+    """Return the partners of a touch, as laws take them."""
+    return Partners(touch.sigma, touch.effective_radius)
 
 
 def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows | BeadRows, ...]:
@@ -197,14 +208,15 @@ def _shape(shapes, i):
 @inlined
 def _touch_of_spheroids(shapes, i, j, k, dx, dy, dz, d):
     one, other = _shape(shapes, i), _shape(shapes, j)
-    sigma = shapes.radius_n[i] + shapes.radius_n[j]
+    partners = partners_of(shapes.radius_n[i], shapes.radius_n[j])
+    sigma, effective = partners.contact_distance, partners.effective_radius
     pair = pair_of(dx, dy, dz, one, other, d)
     # F is nowhere larger than at its root: where it is 1 or more half way, the two are apart; few others are
     if height(pair, 0.5) >= 1.0:
-        return ShapeTouch(False, sigma, sigma, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return ShapeTouch(False, sigma, sigma, effective, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     s, _, x, y, z, ix, iy, iz, jx, jy, jz = touch_of(pair, dx, dy, dz, one, other, exact_root(pair, 0.5), d)
     return ShapeTouch(
-        s < 1.0, s * sigma, sigma, sigma * x, sigma * y, sigma * z,
+        s < 1.0, s * sigma, sigma, effective, sigma * x, sigma * y, sigma * z,
         sigma * ix, sigma * iy, sigma * iz, sigma * jx, sigma * jy, sigma * jz,
     )  # fmt: skip
 
@@ -221,11 +233,12 @@ def touch_of_two_beads(shapes, one, other, dx, dy, dz):
     """Return the ShapeTouch of two beads of bodies whose centers are (dx, dy, dz) apart."""
     ax, ay, az = shapes.arm_bd[one, 0], shapes.arm_bd[one, 1], shapes.arm_bd[one, 2]
     bx, by, bz = shapes.arm_bd[other, 0], shapes.arm_bd[other, 1], shapes.arm_bd[other, 2]
-    sigma = shapes.size_b[one] + shapes.size_b[other]
+    partners = partners_of(shapes.size_b[one], shapes.size_b[other])
+    sigma, effective = partners.contact_distance, partners.effective_radius
     x, y, z = dx + bx - ax, dy + by - ay, dz + bz - az
     square = x * x + y * y + z * z
     if square >= sigma * sigma:
-        return ShapeTouch(False, sigma, sigma, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return ShapeTouch(False, sigma, sigma, effective, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     rho = math.sqrt(square)
     if square == 0.0:
         x, inverse = 1.0, 1.0
@@ -233,7 +246,7 @@ def touch_of_two_beads(shapes, one, other, dx, dy, dz):
         inverse = 1.0 / rho
     x, y, z = inverse * x, inverse * y, inverse * z
     return ShapeTouch(
-        True, rho, sigma, x, y, z,
+        True, rho, sigma, effective, x, y, z,
         az * y - ay * z, ax * z - az * x, ay * x - ax * y,
         by * z - bz * y, bz * x - bx * z, bx * y - by * x,
     )  # fmt: skip

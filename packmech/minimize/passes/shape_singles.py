@@ -12,6 +12,7 @@ import math
 from typing import NamedTuple
 
 from packmech.effects import Walls, body_energy, body_force, body_second, first_on_wall, law_energy, law_second
+from packmech.effects.partners import equal_partners
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined
 from packmech.minimize.passes.shape_rows import by_shape
@@ -156,14 +157,14 @@ def _spheroid_on_walls(shapes, wall, i, x, y, z):
     size, bend = _reach(wall, shapes, i)
     at = _component(wall.axis, x, y, z)
     sigma = 2.0 * shapes.radius_n[i]
-    share = sigma / size
+    share, image = sigma / size, equal_partners(sigma)
     energy = stiffness = 0.0
     for side in range(2):
         distance = at - wall.low if side == 0 else wall.high - at
         if distance < size:
-            energy += 0.5 * law_energy(wall.law, share * distance, sigma)
+            energy += 0.5 * law_energy(wall.law, share * distance, image)
             turn = share * distance / size * bend / shapes.gyration_n[i]
-            stiffness += 0.5 * abs(law_second(wall.law, share * distance, sigma)) * (share * share + turn * turn)
+            stiffness += 0.5 * abs(law_second(wall.law, share * distance, image)) * (share * share + turn * turn)
     return energy, stiffness
 
 
@@ -174,13 +175,14 @@ def _beads_on_walls(shapes, wall, i, x, y, z):
     for bead in range(shapes.start_n[i], shapes.start_n[i + 1]):
         u, v, w = shapes.arm_bd[bead, 0], shapes.arm_bd[bead, 1], shapes.arm_bd[bead, 2]
         radius = shapes.size_b[bead]
+        image = equal_partners(2.0 * radius)
         turn = (u * u + v * v + w * w) / shapes.gyration_n[i] ** 2
         for side in range(2):
             arm = _component(wall.axis, u, v, w)
             distance = at + arm - wall.low if side == 0 else wall.high - at - arm
             if distance < radius:
-                energy += 0.5 * law_energy(wall.law, 2.0 * distance, 2.0 * radius)
-                stiffness += 2.0 * abs(law_second(wall.law, 2.0 * distance, 2.0 * radius)) * (1.0 + turn)
+                energy += 0.5 * law_energy(wall.law, 2.0 * distance, image)
+                stiffness += 2.0 * abs(law_second(wall.law, 2.0 * distance, image)) * (1.0 + turn)
     return energy, stiffness
 
 

@@ -13,9 +13,18 @@ from packmech.box import Box
 from packmech.constraints.factor import ConstraintFactor
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.elements import elements_of, sum_slopes
-from packmech.contacts.network import Candidates, Contacts, distance_change
+from packmech.contacts.network import Candidates, distance_change
 from packmech.contacts.pairs import list_pairs, measure_pairs, search_pairs
-from packmech.effects import contact_terms, held_particles, single_effects, single_terms, total_push
+from packmech.effects import (
+    Distances,
+    Touches,
+    at_distances,
+    contact_terms,
+    held_particles,
+    single_effects,
+    single_terms,
+    total_push,
+)
 from packmech.linalg.factor import Factorization, factor_saddle, factorize
 from packmech.mechanics.assembly import assemble
 from packmech.packing import Packing
@@ -56,33 +65,28 @@ class Units:
         box = Box(packing.box.lattice_dd * self.length)
         return like.replace(position_nd=packing.position_nd * self.length, box=box, shapes=packing.shapes)
 
-    def terms(self, contacts: Contacts, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def terms(self, touches: Touches, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return du/dr and d2u/dr2 of the contacts; where they are apart, zero or the values of the closed side."""
-        return self.derivatives(contacts.distance_c, contacts.contact_distance_c, closing)
-
-    def derivatives(
-        self, distance_c: NDArray[np.float64], sigma_c: NDArray[np.float64], closing: bool = False
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return du/dr and d2u/dr2 at given distances."""
-        terms = contact_terms(self.effects, distance_c * self.length, sigma_c * self.length, closing=closing)
+        columns = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
+        terms = contact_terms(self.effects, Distances(*(self.length * column for column in columns)), closing=closing)
         return terms.first_c * (self.length / self.energy), terms.second_c * (self.length**2 / self.energy)
 
-    def smoothed(
-        self, distance_c: NDArray[np.float64], sigma_c: NDArray[np.float64], width: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def smoothed(self, touches: Touches, width: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return du/dr and d2u/dr2 where overlaps are smoothed over a width, see `smoothed_overlap`."""
+        distance_c, sigma_c = touches.distance_c, touches.contact_distance_c
         overlap = smoothed_overlap(distance_c, sigma_c, width)
-        first, second = self.derivatives(sigma_c - overlap, sigma_c)
+        first, second = self.terms(at_distances(touches, sigma_c - overlap))
         root = np.sqrt((sigma_c - distance_c) ** 2 + 4.0 * width**2)
         slope = overlap / root
         return first * slope, second * slope**2 - first * 2.0 * width**2 / root**3
 
-    def overlap_of(self, force_c: NDArray[np.float64], sigma_c: NDArray[np.float64]) -> NDArray[np.float64]:
+    def overlap_of(self, force_c: NDArray[np.float64], touches: Touches) -> NDArray[np.float64]:
         """Return the relative overlaps, at most one half, at which the law gives the forces; by bisection."""
         low, high = np.full(len(force_c), np.log(1e-18)), np.full(len(force_c), np.log(0.5))
         for _ in range(60):
             middle = 0.5 * (low + high)
-            weaker = -self.derivatives(sigma_c * (1.0 - np.exp(middle)), sigma_c)[0] < force_c
+            there = at_distances(touches, touches.contact_distance_c * (1.0 - np.exp(middle)))
+            weaker = -self.terms(there)[0] < force_c
             low, high = np.where(weaker, middle, low), np.where(weaker, high, middle)
         overlap: NDArray[np.float64] = np.exp(0.5 * (low + high))
         return overlap
@@ -255,13 +259,13 @@ class SoftNetwork:
         if not packing.shapes.has_orientations:
             moved = other.position_nd - packing.position_nd
             change = moved[near.j_c] - moved[near.i_c] + near.image_cd @ stretched.T
-            own = energy_change(near.vector_cd, change, near.contact_distance_c, self.first_at, self.width)
+            own = energy_change(near.vector_cd, change, near, self.first_at, self.width)
         else:
             now, sigma = self.near(other), near.contact_distance_c
             either = (near.distance_c < sigma) | (now.distance_c < sigma) | (self.width > 0.0)
             now, near = now.select(either), near.select(either)
             exact = now.distance_change(near)
-            own = energy_between(near.distance_c, now.distance_c, exact, sigma[either], self.first_at, self.width)
+            own = energy_between(near, now.distance_c, exact, self.first_at, self.width)
         return own + self._pressing(packing.box, stretched)
 
     def _pressing(self, box: Box, stretched_dd: Array) -> float:
@@ -273,9 +277,9 @@ class SoftNetwork:
         rest = 0.0 if self.rest_dd is None else float((self.rest_dd * share).sum())
         return self.pressure * box.volume * (trace + more + rest)
 
-    def first_at(self, distance_c: Array, sigma_c: Array) -> Array:
-        """Return du/dr at given distances."""
-        return self.units.derivatives(distance_c, sigma_c)[0]
+    def first_at(self, touches: Touches) -> Array:
+        """Return du/dr of pairs."""
+        return self.units.terms(touches)[0]
 
     def measure(self, packing: Packing) -> None:
         """Take the packing in: its contacts, forces and errors."""
@@ -284,7 +288,7 @@ class SoftNetwork:
         if self.width > 0.0:
             touching = contacts.distance_c - contacts.contact_distance_c < _FAR * self.width
             self.contacts = near = contacts.select(touching)
-            self.first_c, self.second_c = self.units.smoothed(near.distance_c, near.contact_distance_c, self.width)
+            self.first_c, self.second_c = self.units.smoothed(near, self.width)
         else:
             self.contacts = contacts.select(contacts.gap_c < 0.0)
             self.first_c, self.second_c = self.units.terms(self.contacts)
@@ -452,7 +456,7 @@ class SoftNetwork:
 
 
 def energy_change(
-    vector_cd: Array, change_cd: Array, sigma_c: Array, first: Callable[[Array, Array], Array], width: float = 0.0
+    vector_cd: Array, change_cd: Array, touches: Touches, first: Callable[[Touches], Array], width: float = 0.0
 ) -> float:
     """Return the energy of pairs after their vectors have changed, less that before: the integral of du/dr.
 
@@ -460,38 +464,43 @@ def energy_change(
     ----------
     vector_cd, change_cd
         (C, d) vectors of the pairs where the step starts, and their changes.
-    sigma_c
-        (C,) contact distances.
+    touches
+        The pairs, whose contact distances and effective radii are taken.
     first
-        du/dr of (distance, contact distance), both (k,).
+        du/dr of pairs.
     width
         Width over which overlaps are smoothed [length].
 
     Examples
     --------
-    >>> closer = energy_change(np.array([[0.9, 0.0]]), np.array([[-1e-12, 0.0]]), np.ones(1), lambda r, s: r - s)
+    >>> vector, step = np.array([[0.9, 0.0]]), np.array([[-1e-12, 0.0]])
+    >>> spring = equal_touches(np.array([0.9]), np.ones(1))
+    >>> closer = energy_change(vector, step, spring, lambda pairs: pairs.distance_c - pairs.contact_distance_c)
     >>> round(closer / 1e-13, 10)
     1.0
 
     """
     exact, before, after = distance_change(vector_cd, change_cd)
-    either = (before < sigma_c) | (after < sigma_c) | (width > 0.0)
-    return energy_between(before[either], after[either], exact[either], sigma_c[either], first, width)
+    sigma, radius = touches.contact_distance_c, touches.effective_radius_c
+    either = (before < sigma) | (after < sigma) | (width > 0.0)
+    pairs = Distances(before[either], sigma[either], radius[either])
+    return energy_between(pairs, after[either], exact[either], first, width)
 
 
 def energy_between(
-    before: Array, after: Array, exact: Array, sigma: Array, first: Callable[[Array, Array], Array], width: float = 0.0
+    before: Touches, after: Array, exact: Array, first: Callable[[Touches], Array], width: float = 0.0
 ) -> float:
-    """Return the energy of pairs at distances `after` less that at `before`, whose exact change is given."""
+    """Return the energy of pairs at distances `after` less that where they are, whose exact change is given."""
+    distance, sigma = before.distance_c, before.contact_distance_c
     if width > 0.0:
-        low = sigma - smoothed_overlap(before, sigma, width)
-        inside, deeper = sigma - before, sigma - after
+        low = sigma - smoothed_overlap(distance, sigma, width)
+        inside, deeper = sigma - distance, sigma - after
         roots = np.sqrt(inside**2 + 4.0 * width**2) + np.sqrt(deeper**2 + 4.0 * width**2)
         length = 0.5 * exact * (1.0 + (inside + deeper) / roots)
     else:
-        low, high = np.minimum(before, sigma), np.minimum(after, sigma)
-        length = np.where((before < sigma) & (after < sigma), exact, high - low)
+        low, high = np.minimum(distance, sigma), np.minimum(after, sigma)
+        length = np.where((distance < sigma) & (after < sigma), exact, high - low)
     total = 0.0
     for place, weight in zip(_PLACE, _WEIGHT, strict=True):
-        total += weight * float(np.add.reduce(first(low + place * length, sigma) * length))
+        total += weight * float(np.add.reduce(first(at_distances(before, low + place * length)) * length))
     return float(total)

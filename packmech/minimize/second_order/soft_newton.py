@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.effects import held_particles
+from packmech.effects import equal_touches, held_particles
 from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, Units
 from packmech.packing import Packing
@@ -362,7 +362,11 @@ def _overlap(network: SoftNetwork) -> float:
     packing = network.packing
     sigma = packing.diameter_n.mean(keepdims=True)
     force = network.pressure * sigma ** (packing.dimension - 1)
-    return float((sigma * network.units.overlap_of(force, sigma))[0]) if network.pressure > 0.0 else 0.0
+    return (
+        float((sigma * network.units.overlap_of(force, equal_touches(sigma, sigma)))[0])
+        if network.pressure > 0.0
+        else 0.0
+    )
 
 
 def _negative(network: SoftNetwork, bound: float = 0.0) -> int:
