@@ -92,12 +92,14 @@ from packmech.tangential import TangentialDisplacements as TangentialDisplacemen
 # laws of contacts
 from packmech.effects import Harmonic as Harmonic
 from packmech.effects import Hertz as Hertz
+from packmech.effects import ElasticSpheres as ElasticSpheres
 from packmech.effects import LinearSpring as LinearSpring
 from packmech.effects import PowerLaw as PowerLaw
 from packmech.effects import RepulsiveLennardJones as RepulsiveLennardJones
 from packmech.effects import DivergentRepulsion as DivergentRepulsion
 from packmech.effects import PlateauRepulsion as PlateauRepulsion
 from packmech.effects import ExponentialTension as ExponentialTension
+from packmech.effects import Partners as Partners
 
 # what a scene file's drive says
 from packmech.scene import JamDrive as JamDrive

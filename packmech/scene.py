@@ -31,6 +31,7 @@ from packmech.effects import (
     is_bound,
     is_effect,
     is_law,
+    refuse_curvature_of_shapes,
     refuse_rolling,
     refuse_walls,
     registered_effects,
@@ -752,6 +753,7 @@ class Scene:
                 "scene.without(pm.Repulsion)"
             )
         refuse_rolling(self.effects, self.packing)
+        refuse_curvature_of_shapes(self.effects, self.packing)
         refuse_walls(self.effects, self.packing)
         self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:

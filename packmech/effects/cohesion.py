@@ -85,7 +85,7 @@ class ShortRangeAttraction(NamedTuple):
 
 @effect
 class DMT(NamedTuple):
-    """The pull F = 2 pi w R of Derjaguin, Muller and Toporov (1975), beside a repulsion: `Repulsion(Hertz(...))`.
+    """The pull F = 2 pi w R of Derjaguin, Muller and Toporov (1975), beside `Repulsion(ElasticSpheres(...))`.
 
     It is constant while particles touch, so that it takes F to part them. Beyond contact it goes on as the van der
     Waals force of the same strength, A R / (6 (gap + z)^2) with A = 12 pi w z^2, lowered in proportion so that it is F

@@ -38,8 +38,8 @@ class ContactDamping(_ContactDamping):
     --------
     >>> ContactDamping(0.2, onset="smooth")
     ContactDamping(coefficient=0.2, onset=0.01)
-    >>> scene_pair = TouchingPair(0.99, 1.0, rate=1.0, energy=0.0, first=0.0, second=0.0, mass=1.0)
-    >>> round(ContactDamping(0.2, onset="smooth").pair_damping(scene_pair), 12)
+    >>> pair = TouchingPair(0.99, 1.0, rate=1.0, energy=0.0, first=0.0, second=0.0, mass=1.0, effective_radius=0.25)
+    >>> round(ContactDamping(0.2, onset="smooth").pair_damping(pair), 12)
     0.1
 
     """
@@ -82,7 +82,7 @@ class Restitution(NamedTuple):
 
     Examples
     --------
-    >>> spring = TouchingPair(0.9, 1.0, rate=-1.0, energy=0.5 * 4.0 * 0.1**2, first=-0.4, second=4.0, mass=0.5)
+    >>> spring = TouchingPair(0.9, 1.0, -1.0, 0.5 * 4.0 * 0.1**2, -0.4, 4.0, mass=0.5, effective_radius=0.25)
     >>> round(Restitution(0.5).pair_damping(spring), 12)  # 2 zeta sqrt(m k)
     0.609395264474
 

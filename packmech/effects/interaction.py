@@ -44,9 +44,10 @@ from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.effects.bonds import acting_contacts, bonds_of
 from packmech.effects.laws import law_energy, law_first, law_second
-from packmech.effects.pair import hook_of
+from packmech.effects.pair import feels_curvature, hook_of
 from packmech.effects.partners import Partners, as_asked, equal_partners, pairs_of_sizes, told
 from packmech.jit.compiled import compiled_form, device, kernel
+from packmech.jit.source_key import written_name
 from packmech.links import named_rows
 from packmech.packing import Packing
 
@@ -97,6 +98,26 @@ def begins_at_contact(effect: Any) -> bool:
 def memory_columns(effects: tuple[Any, ...]) -> int:
     """Return how many numbers all effects together keep of each pair."""
     return sum(memory_size(one) for one in effects if is_interaction(one))
+
+
+def refuse_curvature_of_shapes(effects: tuple[Any, ...], packing: Packing) -> None:
+    """Refuse effects that feel effective radii where shapes have none: of ellipses, spheroids, and bodies' centers.
+
+    Beads that touch have theirs, as discs and spheres do. What remembers is `refuse_memory_of_shapes`'s to refuse.
+
+    Raises
+    ------
+    ValueError
+        Naming the effect.
+
+    """
+    shapes = packing.shapes
+    for k, one in enumerate(effects if shapes.has_orientations else ()):
+        if feels_curvature(one) and not remembers(one) and not (shapes.has_beads and not is_interaction(one)):
+            raise ValueError(
+                f"effects must hold nothing that asks for effective radii for {shapes.names[1]}, whose curvature "
+                f"differs from place to place, got {written_name(type(one))} at {k}"
+            )
 
 
 def refuse_memory_of_shapes(effects: tuple[Any, ...], packing: Packing) -> None:

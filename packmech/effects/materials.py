@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from packmech.calls.display import shown
 from packmech.check import instance, positive, real
 from packmech.effects.damping import Restitution
 from packmech.effects.friction import DampingRatio, Friction, Mindlin
-from packmech.effects.laws import Hertz, LinearSpring
+from packmech.effects.laws import ElasticSpheres, LinearSpring
 from packmech.effects.material import contact_stiffness
 from packmech.effects.repulsion import Repulsion
 from packmech.packing import Packing
-
-# by how much the sizes of spheres may differ to count as one [1]
-_ONE_SIZE = 1e-9
 
 
 @shown()
@@ -84,20 +78,20 @@ class Material:
     def effects(self, packing: Packing) -> tuple[Any, ...]:
         """Return what acts between touching particles of a packing.
 
-        Spheres repel as Hertz's, F = (4/3) E* sqrt(R) overlap^(3/2) with R = radius / 2, and slide as Mindlin's; discs
-        are slices of parallel cylinders and repel by k = pi E / (8 (1 - nu^2)) times the overlap. `Restitution` and
-        the tangential dashpot, as strong, are there unless collisions leave all; friction where its coefficient is not
-        0.
+        Spheres repel as Hertz's, F = (4/3) E* sqrt(R) overlap^(3/2) with R = r_i r_j / (r_i + r_j), and slide as
+        Mindlin's; discs are slices of parallel cylinders and repel by k = pi E / (8 (1 - nu^2)) times the overlap.
+        `Restitution` and the tangential dashpot, as strong, are there unless collisions leave all; friction where its
+        coefficient is not 0.
 
         Parameters
         ----------
         packing
-            Of discs, or of spheres of one size: `Hertz` knows the sum of two radii, and not both.
+            Of discs or spheres.
 
         Raises
         ------
         TypeError, ValueError
-            If it is no packing, its spheres differ in size, or it is of other shapes.
+            If it is no packing, or of other shapes.
 
         """
         instance("packing", packing, Packing)
@@ -105,16 +99,9 @@ class Material:
             raise ValueError(
                 f"packing must be of discs or spheres, whose curvature contacts feel, got {packing.shapes.names[1]}"
             )
-        radius, largest = float(packing.radius_n[0]), float(np.abs(packing.radius_n - packing.radius_n[0]).max())
         law: Any = LinearSpring(contact_stiffness(self.young_modulus, poisson_ratio=self.poisson_ratio))
         if packing.dimension == 3:
-            if largest > _ONE_SIZE * radius:
-                k = int(np.abs(packing.radius_n - radius).argmax())
-                raise ValueError(
-                    f"packing must be of spheres of one size, as Hertz's law here knows only the sum of two radii, got "
-                    f"radii {radius:g} and {packing.radius_n[k]:g} of particles 0 and {k}"
-                )
-            law = Hertz(4.0 / 3.0 * self.effective_modulus * math.sqrt(0.5 * radius) * (2.0 * radius) ** 2.5)
+            law = ElasticSpheres(self.effective_modulus)
         dashpot = (Restitution(self.restitution),) if self.restitution < 1.0 else ()
         sliding: tuple[Any, ...] = ()
         if self.friction > 0.0:

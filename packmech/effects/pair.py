@@ -24,6 +24,7 @@ from packmech.effects.derivatives import (
     default_record,
     may_jump,
 )
+from packmech.effects.laws import is_law
 from packmech.effects.partners import Partners, as_asked, asks_for_partners, equal_partners, told
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
@@ -247,6 +248,16 @@ def bound_effect(cls: E) -> E:
     """
     _COMPILED[cls] = {}
     return cls
+
+
+def feels_curvature(effect: Any) -> bool:
+    """Return whether an effect, or the law in it, asks for the effective radius of the two particles."""
+    within = [one for one in effect if is_law(one)] if isinstance(effect, tuple) else []
+    if within:
+        return any(feels_curvature(one) for one in within)
+    cls: Any = type(effect)
+    names = (*_HOOKS, "energy", "first", "second")
+    return any(asks_for_partners(cls, name) for name in names if inspect.isfunction(vars(cls).get(name)))
 
 
 def is_bound(value: object) -> bool:

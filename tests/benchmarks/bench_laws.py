@@ -11,6 +11,7 @@ from numba import njit
 
 import packmech as pm
 from packmech.effects import law_first
+from packmech.effects.partners import equal_partners
 from packmech.jit.compiled import OPTIONS, kernel
 
 
@@ -26,7 +27,7 @@ def total(law, distance_c, contact_distance_c):
     """Return the sum of du/dr over the contacts."""
     out = 0.0
     for c in range(distance_c.shape[0]):
-        out += law_first(law, distance_c[c], contact_distance_c[c])
+        out += law_first(law, distance_c[c], equal_partners(contact_distance_c[c]))
     return out
 
 

@@ -10,6 +10,7 @@ import pytest
 import packmech as pm
 from packmech.dynamics.simulation import KIND
 from packmech.effects import pair_energy
+from packmech.effects.partners import partners_of
 from packmech.loop.checkpoint import read_checkpoint, write_checkpoint
 from packmech.scene import scene_after
 
@@ -308,8 +309,7 @@ def test_what_is_released_among_sliding_contacts_is_the_energy_of_the_bonds_less
     for i, j, image, step in zip(broken.i_e, broken.j_e, broken.image_ed, broken.step_e, strict=True):
         place, lattice = trace.position_tnd[step], trace.lattice_tdd[step]
         distance = np.linalg.norm(place[j] - place[i] + lattice @ image)
-        sigma = network.packing.radius_n[i] + network.packing.radius_n[j]
-        due += pair_energy(network.effects[0], distance, sigma)
+        due += pair_energy(network.effects[0], distance, partners_of(*network.packing.radius_n[[i, j]]))
     held = broken.energy_e.sum()
     assert abs(broken.released - (held - due)) < 2e-3 * held
 

@@ -38,7 +38,7 @@ def test_a_smooth_onset_restores_second_order_across_a_collision():
 
 def test_a_smooth_dashpot_vanishes_at_contact_and_is_half_at_its_onset():
     dashpot = pm.ContactDamping(0.3, onset=0.02)
-    touching = pm.TouchingPair(2.0, 2.0, rate=1.0, energy=0.0, first=0.0, second=0.0, mass=1.0)
+    touching = pm.TouchingPair(2.0, 2.0, rate=1.0, energy=0.0, first=0.0, second=0.0, mass=1.0, effective_radius=1.0)
     assert dashpot.pair_damping(touching) == 0.0
     assert dashpot.pair_damping(touching._replace(distance=1.96)) == pytest.approx(0.15, rel=1e-12)
 

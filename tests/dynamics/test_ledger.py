@@ -207,7 +207,7 @@ def test_a_bridge_that_forms_and_ruptures_takes_its_energy_at_contact():
     assert ledger.stored["interactions"][-1] == 0.0
     # 0 at the rupture; it forms within a step of touching, where it pulls with pi g
     late = math.pi * 0.01 * 0.2 * 5e-4
-    lost = -bridge.interaction_energy(1.0, 1.0, 1.0, (1.0,))
+    lost = -bridge.interaction_energy(1.0, pm.Partners(1.0, 0.25), 1.0, (1.0,))
     assert ledger.dissipated["interactions"][-1] == pytest.approx(lost, abs=late)
 
 

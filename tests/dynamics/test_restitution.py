@@ -35,10 +35,10 @@ def zeta(restitution):
 def test_the_dashpot_of_a_linear_spring_is_constant_and_that_of_hertz_spheres_is_tsujis():
     for overlap in (1e-6, 0.02):
         distance, mass = 1.0 - overlap, 0.4
-        linear = pm.TouchingPair(distance, 1.0, -1.0, 0.5 * 7.0 * overlap**2, -7.0 * overlap, 7.0, mass)
+        linear = pm.TouchingPair(distance, 1.0, -1.0, 0.5 * 7.0 * overlap**2, -7.0 * overlap, 7.0, mass, 0.25)
         assert pm.Restitution(0.6).pair_damping(linear) == pytest.approx(2.0 * zeta(0.6) * math.sqrt(0.4 * 7.0))
         hertz = pm.TouchingPair(
-            distance, 1.0, -1.0, 0.4 * 5.0 * overlap**2.5, -5.0 * overlap**1.5, 7.5 * overlap**0.5, mass
+            distance, 1.0, -1.0, 0.4 * 5.0 * overlap**2.5, -5.0 * overlap**1.5, 7.5 * overlap**0.5, mass, 0.25
         )
         alpha = math.sqrt(5.0) * zeta(0.6)
         assert pm.Restitution(0.6).pair_damping(hertz) == pytest.approx(alpha * math.sqrt(0.4 * 5.0) * overlap**0.25)

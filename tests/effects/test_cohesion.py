@@ -10,9 +10,11 @@ from scipy.integrate import quad
 
 import packmech as pm
 from packmech.effects.cohesion import jkr_root
+from packmech.effects.partners import partners_of
 
 W, E, SIGMA = 0.01, 2.0, 1.0
 RADIUS = 0.25
+EQUAL = pm.Partners(SIGMA, RADIUS)
 JKR = pm.JKR(E, W)
 
 
@@ -30,21 +32,21 @@ def bound(packing):
 
 def held(effect):
     """Return what an effect remembers of a pair that touched; nothing where it remembers nothing."""
-    return (effect.remember(0.99 * SIGMA, SIGMA, (0.0,)),) if getattr(type(effect), "memory", 0) else ()
+    return (effect.remember(0.99 * SIGMA, EQUAL, (0.0,)),) if getattr(type(effect), "memory", 0) else ()
 
 
 def pull(effect, distance):
-    return effect.interaction_first(distance, SIGMA, 1.0, *held(effect))[0]
+    return effect.interaction_first(distance, EQUAL, 1.0, *held(effect))[0]
 
 
 def test_it_takes_the_pull_off_force_and_the_work_of_the_formula_to_part_dmt_spheres():
     dmt = pm.DMT(W, 0.02, 7.0)
-    distance = np.linspace(0.97, dmt.reach(SIGMA), 100001)
+    distance = np.linspace(0.97, dmt.reach(EQUAL), 100001)
     tension = [pull(dmt, r) + pm.Hertz(5.0).first(min(r, SIGMA), SIGMA) for r in distance]
     assert max(tension) == pytest.approx(2.0 * math.pi * W * RADIUS, rel=1e-6)
-    work, _ = quad(lambda r: pull(dmt, r), SIGMA, dmt.reach(SIGMA), epsabs=0.0, epsrel=1e-12)
+    work, _ = quad(lambda r: pull(dmt, r), SIGMA, dmt.reach(EQUAL), epsabs=0.0, epsrel=1e-12)
     assert work == pytest.approx(2.0 * math.pi * W * RADIUS * 0.02 * 7.0 / 9.0, rel=1e-12)
-    assert -dmt.interaction_energy(SIGMA, SIGMA, 1.0) == pytest.approx(work, rel=1e-12)
+    assert -dmt.interaction_energy(SIGMA, EQUAL, 1.0) == pytest.approx(work, rel=1e-12)
     # the van der Waals force A R / (6 (gap + z)^2), A = 12 pi w z^2, where the cut is far
     far = pm.DMT(W, 0.02, 1e6)
     assert pull(far, 1.05) == pytest.approx(12.0 * math.pi * W * 0.02**2 * RADIUS / (6.0 * 0.07**2), rel=1e-9)
@@ -56,11 +58,11 @@ def test_a_jkr_contact_has_the_pull_off_force_and_the_radius_of_the_closed_forms
     assert abs(pull(JKR, SIGMA - balanced)) < 1e-13 * W
     # equilibrium overlap a^2 / (3 R)
     assert balanced == pytest.approx(radius**2 / (3.0 * RADIUS), rel=1e-12)
-    tension = [pull(JKR, r) for r in np.linspace(SIGMA, JKR.reach(SIGMA), 20001)]
+    tension = [pull(JKR, r) for r in np.linspace(SIGMA, JKR.reach(EQUAL), 20001)]
     assert max(tension) == pytest.approx(1.5 * math.pi * W * RADIUS, rel=1e-7)
     # at touch 8/9 of it, where it breaks 5/9
     assert tension[0] == pytest.approx(4.0 / 3.0 * math.pi * W * RADIUS, rel=1e-12)
-    assert pull(JKR, JKR.reach(SIGMA) * (1.0 - 1e-15)) == pytest.approx(5.0 / 6.0 * math.pi * W * RADIUS, rel=1e-5)
+    assert pull(JKR, JKR.reach(EQUAL) * (1.0 - 1e-15)) == pytest.approx(5.0 / 6.0 * math.pi * W * RADIUS, rel=1e-5)
     # without adhesion it is Hertz's force (4/3) E R^(1/2) overlap^(3/2)
     dry = pm.JKR(E, 1e-12)
     assert -pull(dry, 0.98) == pytest.approx(4.0 / 3.0 * E * math.sqrt(RADIUS) * 0.02**1.5, rel=1e-4)
@@ -86,7 +88,7 @@ def lost():
 
 def test_the_loss_of_a_jkr_bond_is_that_of_thornton_and_ning_and_its_work():
     assert lost() == pytest.approx(7.09 * (W**5 * RADIUS**4 / E**2) ** (1.0 / 3.0), rel=1e-3)
-    work, _ = quad(lambda r: pull(JKR, r), SIGMA, JKR.reach(SIGMA), epsabs=0.0, epsrel=1e-8)
+    work, _ = quad(lambda r: pull(JKR, r), SIGMA, JKR.reach(EQUAL), epsabs=0.0, epsrel=1e-8)
     assert work == pytest.approx(lost(), rel=1e-7)
 
 
@@ -115,7 +117,7 @@ def test_the_time_step_that_is_chosen_resolves_the_making_and_breaking_of_a_bond
     jkr = pm.JKR(E, adhesion)
     making = 7.0921 * (adhesion**5 * RADIUS**4 / E**2) ** (1.0 / 3.0)
     for part in (1.05, 1.5):
-        speed, width = part * math.sqrt(4.0 * making), jkr.reach(SIGMA) - SIGMA
+        speed, width = part * math.sqrt(4.0 * making), jkr.reach(EQUAL) - SIGMA
         velocity = [[0.5 * speed, 0.0, 0.0], [-0.5 * speed, 0.0, 0.0]]
         place = [[20.0, 20.0, 20.0], [21.0 + 1e-4 * width, 20.0, 20.0]]
         packing = pm.Packing(place, [0.5, 0.5], pm.Box.cubic(40.0, 3), mass_n=[1.0, 1.0])
@@ -145,13 +147,13 @@ def test_jkr_spheres_stick_below_the_speed_whose_energy_is_lost_and_part_above()
 def test_a_bridge_has_the_force_of_its_formula_until_its_rupture():
     wet = pm.CapillaryBridge(1e-4, 0.01, 0.3)
     rupture = (1.0 + 0.15) * 1e-4 ** (1.0 / 3.0)
-    assert wet.reach(SIGMA) - SIGMA == pytest.approx(rupture, rel=1e-12)
+    assert wet.reach(EQUAL) - SIGMA == pytest.approx(rupture, rel=1e-12)
     r, h = 0.5, 0.03
     # Rabinovich and others: F = 2 pi r g cos(theta) / (1 + h / (2 d)), d = h/2 (-1 + sqrt(1 + 2 V / (pi r h^2)))
     depth = 0.5 * h * (-1.0 + math.sqrt(1.0 + 2.0 * 1e-4 / (math.pi * r * h * h)))
     force = 2.0 * math.pi * r * 0.01 * math.cos(0.3) / (1.0 + h / (2.0 * depth))
     assert pull(wet, SIGMA + h) == pytest.approx(force, rel=1e-12)
-    assert wet.interaction_first(SIGMA + h, SIGMA, 1.0, (0.0,)) == (0.0, 0.0)
+    assert wet.interaction_first(SIGMA + h, EQUAL, 1.0, (0.0,)) == (0.0, 0.0)
     assert pull(wet, 0.98) == pytest.approx(2.0 * math.pi * r * 0.01 * math.cos(0.3), rel=1e-12)
 
 
@@ -166,7 +168,7 @@ COHESIVE = {
 @pytest.mark.parametrize("name", ["jkr", "bridge"])
 def test_pairs_that_never_touched_feel_nothing_and_those_that_did_are_held_up_to_the_break(name):
     effects = COHESIVE[name]
-    reach = effects[-1].reach(SIGMA)
+    reach = effects[-1].reach(EQUAL)
     near = 0.5 * (SIGMA + reach)
     apart = pm.Scene(pair(distance=near), effects)
     assert pm.energy(apart) == 0.0 and not pm.forces(apart).any()
@@ -174,7 +176,7 @@ def test_pairs_that_never_touched_feel_nothing_and_those_that_did_are_held_up_to
     force = pull(effects[-1], near)
     np.testing.assert_allclose(pm.forces(together)[:, 0], [force, -force], rtol=1e-12)
     assert pm.energy(together) == pytest.approx(
-        effects[-1].interaction_energy(near, SIGMA, 1.0, *held(effects[-1])), rel=1e-12
+        effects[-1].interaction_energy(near, EQUAL, 1.0, *held(effects[-1])), rel=1e-12
     )
     run = pm.simulate(together, steps=1, dt=1e-6)
     np.testing.assert_allclose(run.velocity_nd[:, 0], [force * 1e-6, -force * 1e-6], rtol=1e-5)
@@ -186,13 +188,13 @@ def test_two_spheres_that_are_drawn_apart_pull_with_the_jkr_force_and_break_wher
     # one is held, the other so heavy that its speed stays
     scene = pm.Scene(bound(pair(distance=0.999, mass=1e9)), (JKR, pm.FixedParticles((0,))))
     fast = [[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0]]
-    time = 1.2e3 * (JKR.reach(SIGMA) - 0.999)
+    time = 1.2e3 * (JKR.reach(EQUAL) - 0.999)
     run = pm.simulate(scene, duration=time, dt=0.05, trace_every=1, velocity_nd=fast, check=False)
     distance = 0.999 + 1e-3 * run.trace.time_t
     tension = run.trace.stress_tdd[:, 0, 0] * 64.0 / distance
     assert tension.max() == pytest.approx(1.5 * math.pi * W * RADIUS, rel=1e-4)
     last = distance[np.flatnonzero(tension > 0.0)[-1]]
-    assert last == pytest.approx(JKR.reach(SIGMA), abs=2.0 * 1e-3 * 0.05)
+    assert last == pytest.approx(JKR.reach(EQUAL), abs=2.0 * 1e-3 * 0.05)
 
 
 def test_a_strand_of_a_gel_breaks_at_the_pull_off_force_of_its_weakest_contact():
@@ -208,7 +210,7 @@ def test_a_strand_of_a_gel_breaks_at_the_pull_off_force_of_its_weakest_contact()
     run = pm.simulate(scene, duration=1600.0, dt=0.1, trace_every=5, velocity_nd=speed, check=False)
     length = place[-1, 0] - place[0, 0] + 1e-4 * run.trace.time_t
     tension = run.trace.stress_tdd[:, 0, 0] * 144.0 / length
-    weakest = 1.5 * math.pi * W * 0.25 * (radius[1:] + radius[:-1]).min()
+    weakest = 1.5 * math.pi * W * (radius[1:] * radius[:-1] / (radius[1:] + radius[:-1])).min()
     assert tension.max() == pytest.approx(weakest, rel=0.01)
     assert len(run.packing.tangential) == 6
 
@@ -236,20 +238,20 @@ def test_a_branching_gel_breaks_where_a_contact_first_bears_its_pull_off_force()
     )
     one, other = np.transpose(bonds)
     apart = np.linalg.norm(run.trace.position_tnd[:, other] - run.trace.position_tnd[:, one], axis=2)
-    sigma = radius[one] + radius[other]
+    pairs = [partners_of(*both) for both in zip(radius[one], radius[other], strict=True)]
     jkr = pm.JKR(E, W)
-    broken = apart >= [jkr.reach(each) for each in sigma]
+    broken = apart >= [jkr.reach(each) for each in pairs]
     first = int(np.argmax(broken.any(axis=1)))
     assert broken.any()
     bond = int(np.flatnonzero(broken[first])[0])
-    held_s = [jkr.remember(0.99 * s, s, (0.0,)) for s in sigma]
+    held_b = [jkr.remember(0.99 * each.contact_distance, each, (0.0,)) for each in pairs]
     load = np.array(
         [
-            [jkr.interaction_first(r, s, 1.0, own)[0] for r, s, own in zip(row, sigma, held_s, strict=True)]
+            [jkr.interaction_first(r, each, 1.0, own)[0] for r, each, own in zip(row, pairs, held_b, strict=True)]
             for row in apart[:first]
         ]
     )
-    part = load / (1.5 * math.pi * W * 0.25 * sigma)
+    part = load / [1.5 * math.pi * W * each.effective_radius for each in pairs]
     assert part[:, bond].max() == pytest.approx(1.0, rel=0.01)
     assert np.delete(part, bond, axis=1).max() < 1.0
 
@@ -387,7 +389,7 @@ def test_a_particle_that_slides_on_a_cohesive_contact_feels_friction_without_a_l
         else:
             a = (9.0 * math.pi * W * RADIUS**2 / (2.0 * E)) ** (1.0 / 3.0)
             distance = SIGMA - a**2 / (3.0 * RADIUS)
-        assert law.cap_force(distance, SIGMA) == pytest.approx(cap, rel=1e-9)
+        assert law.cap_force(distance, EQUAL) == pytest.approx(cap, rel=1e-9)
         scene = pm.Scene(bound(pair(2, distance=distance)) if law is effects[0] else pair(2, distance), effects)
         scene = scene.replace(effects=(*effects, pm.Friction(0.3, 1e3)))
         speed = [[0.0, 1e-2], [0.0, -1e-2]]

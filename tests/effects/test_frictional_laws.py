@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
-from packmech.effects import contact_terms, energy_scale_of
+from packmech.effects import contact_terms, energy_scale_of, equal_partners, equal_touches
+from packmech.effects.laws import law_energy, law_first, law_second
 from packmech.validation.particle_shear import Material, bond_force, normal_force
 
 getcontext().prec = 60
@@ -45,7 +46,8 @@ KINKS = {LAWS[-2]: (0.3, 0.8), LAWS[-1]: (0.2, 0.6)}
 
 
 def three(law, distance, contact_distance=1.0):
-    return [float(method(distance, contact_distance)) for method in (law.energy, law.first, law.second)]
+    pair = equal_partners(contact_distance)
+    return [float(method(law, distance, pair)) for method in (law_energy, law_first, law_second)]
 
 
 def derivative(function, order, r, sigma, scale):
@@ -120,14 +122,14 @@ def test_a_plateau_of_slope_one_is_the_other_law():
 
 def test_a_plateau_of_slope_zero_pushes_alike_all_along_it():
     law = pm.PlateauRepulsion(slope=0.0, law=pm.LinearSpring(5.0))
-    assert [-law.first(r, 1.0) for r in (0.8, 0.6, 0.3)] == pytest.approx([1.0] * 3, rel=1e-14)
-    assert law.energy(0.3, 1.0) - law.energy(0.8, 1.0) == pytest.approx(0.5, rel=1e-14)
+    assert [-three(law, r)[1] for r in (0.8, 0.6, 0.3)] == pytest.approx([1.0] * 3, rel=1e-14)
+    assert three(law, 0.3)[0] - three(law, 0.8)[0] == pytest.approx(0.5, rel=1e-14)
 
 
 def test_energy_of_an_almost_flat_plateau_is_near_that_of_a_flat_one():
     flat, steeper = (pm.PlateauRepulsion(slope=slope, law=pm.Hertz()) for slope in (0.99e-5, 1.01e-5))
     for r in (0.1, 0.4, 0.7):
-        assert flat.energy(r, 1.0) == pytest.approx(steeper.energy(r, 1.0), rel=1e-6)
+        assert three(flat, r)[0] == pytest.approx(three(steeper, r)[0], rel=1e-6)
 
 
 def test_tension_saturates_at_stiffness_times_reach():
@@ -139,7 +141,7 @@ def test_tension_saturates_at_stiffness_times_reach():
 @pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_compiled_law_gives_what_the_plain_methods_give(law):
     distance = np.array([0.001, 0.05, 0.25, 0.5, 0.7, 0.95, 0.999999])
-    terms = contact_terms((pm.Repulsion(law=law),), distance, np.ones(7))
+    terms = contact_terms((pm.Repulsion(law=law),), equal_touches(distance, np.ones(7)))
     plain = np.array([three(law, r) for r in distance.tolist()])
     np.testing.assert_allclose(np.column_stack(terms), plain, rtol=1e-12)
 
@@ -161,7 +163,7 @@ def test_plateau_and_saturating_tension_are_those_of_the_reference_package():
     plateau = Material(stiffness=2.0, divergence=1.0, plateau_begin=0.3, plateau_end=0.8, plateau_slope=0.1)
     law = pm.PlateauRepulsion(law=pm.DivergentRepulsion(2.0))
     for r in (0.4, 2.0, 3.9):
-        assert law.first(r, 4.0) == pytest.approx(float(normal_force(plateau, r, 4.0)), rel=1e-14)
+        assert three(law, r, 4.0)[1] == pytest.approx(float(normal_force(plateau, r, 4.0)), rel=1e-14)
     saturating = Material(stiffness=2.0, tensile_range=0.2, bond_normal_ratio=1.0)
     pull = pm.ExponentialTension(2.0, 0.2)
     assert pull.first(5.0, 4.0) == pytest.approx(float(bond_force(saturating, 5.0, 4.0)), rel=1e-14)

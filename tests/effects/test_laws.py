@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numba.core.errors import NumbaError
 
 import packmech as pm
-from packmech.effects import contact_terms, energy_scale_of
+from packmech.effects import contact_terms, energy_scale_of, equal_touches
 from packmech.effects.laws import check_law
 from packmech.effects.pair import check_effect
 from packmech.jit.source_key import source_key
@@ -88,7 +88,7 @@ def test_energy_and_derivatives_are_those_of_the_formula_to_rounding(law, order,
 @pytest.mark.parametrize("row", GOLDEN["rows"], ids=lambda row: f"{row['pot']}-{row['r_over_sigma']}")
 def test_stored_potentials_are_met_to_1e_14(row):
     effects = (pm.Repulsion(law=GOLDEN_LAWS[row["pot"]]),)
-    terms = contact_terms(effects, np.array([row["r_over_sigma"]]), np.array([1.0]))
+    terms = contact_terms(effects, equal_touches(np.array([row["r_over_sigma"]]), np.array([1.0])))
     found = [terms.energy_c[0], terms.first_c[0], terms.second_c[0]]
     assert found == pytest.approx([row["V"], row["dV"], row["d2V"]], rel=1e-14, abs=0.0)
 
@@ -106,21 +106,23 @@ def test_stored_potentials_are_met_to_1e_14(row):
 )
 def test_stiffness_on_the_closed_side_of_contact_is_the_known_limit(law, stiffness):
     # jammed-systems.md section 1: eps (p = 2), 0 (p > 2), 72 eps (repulsive Lennard-Jones), over sigma^2
-    terms = contact_terms((pm.Repulsion(law=law),), np.array([1.0, 1.3]), np.array([1.0, 1.0]), closing=True)
+    terms = contact_terms(
+        (pm.Repulsion(law=law),), equal_touches(np.array([1.0, 1.3]), np.array([1.0, 1.0])), closing=True
+    )
     assert terms.second_c.tolist() == [stiffness] * 2
     assert np.abs(terms.energy_c).max() == 0.0 and np.abs(terms.first_c).max() == 0.0
 
 
 @pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_energy_and_force_vanish_at_contact_and_beyond(law):
-    terms = contact_terms((pm.Repulsion(law=law),), np.array([1.5, 1.5 + 1e-15, 2.0]), np.full(3, 1.5))
+    terms = contact_terms((pm.Repulsion(law=law),), equal_touches(np.array([1.5, 1.5 + 1e-15, 2.0]), np.full(3, 1.5)))
     assert all(np.array_equal(term, np.zeros(3)) for term in terms)
 
 
 @pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_every_law_repels_and_is_convex(law):
     distance = np.linspace(0.05, 0.999, 50)
-    terms = contact_terms((pm.Repulsion(law=law),), distance, np.ones(50))
+    terms = contact_terms((pm.Repulsion(law=law),), equal_touches(distance, np.ones(50)))
     assert (terms.energy_c > 0).all() and (terms.first_c < 0).all() and (terms.second_c > 0).all()
 
 
@@ -129,7 +131,7 @@ def test_every_law_repels_and_is_convex(law):
 @pytest.mark.parametrize("law", LAWS, ids=repr)
 def test_compiled_law_gives_what_the_plain_methods_give(law, overlap, contact_distance):
     distance = contact_distance * (1.0 - overlap)
-    terms = contact_terms((pm.Repulsion(law=law),), np.array([distance]), np.array([contact_distance]))
+    terms = contact_terms((pm.Repulsion(law=law),), equal_touches(np.array([distance]), np.array([contact_distance])))
     plain = [float(method(distance, contact_distance)) for method in (law.energy, law.first, law.second)]
     compiled = [terms.energy_c[0], terms.first_c[0], terms.second_c[0]]
     # machine code may fuse a product and a sum and call another pow: a few units in the last place
@@ -139,7 +141,9 @@ def test_compiled_law_gives_what_the_plain_methods_give(law, overlap, contact_di
 def test_power_law_of_exponent_two_is_harmonic_and_of_five_halves_is_hertz():
     distance, sigma = np.linspace(0.3, 0.99, 12), np.full(12, 1.1)
     for power, named in ((pm.PowerLaw(2.0, 2.0), pm.Harmonic(2.0)), (pm.PowerLaw(2.0, 2.5), pm.Hertz(2.0))):
-        first, second = (contact_terms((pm.Repulsion(law=law),), distance, sigma) for law in (power, named))
+        first, second = (
+            contact_terms((pm.Repulsion(law=law),), equal_touches(distance, sigma)) for law in (power, named)
+        )
         for one, other in zip(first, second, strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-14)
 
@@ -155,8 +159,8 @@ def test_a_users_law_acts_in_energy_forces_and_stress_like_the_built_in_one():
 def test_terms_of_several_effects_are_the_sum_of_each():
     distance, sigma = np.linspace(0.5, 1.2, 15), np.ones(15)
     effects = (pm.Repulsion(law=pm.Hertz(0.5)), pm.ContactDamping(0.2), pm.Repulsion(law=pm.Harmonic(2.0)))
-    together = contact_terms(effects, distance, sigma)
-    apart = [contact_terms((effect,), distance, sigma) for effect in effects]
+    together = contact_terms(effects, equal_touches(distance, sigma))
+    apart = [contact_terms((effect,), equal_touches(distance, sigma)) for effect in effects]
     for name in together._fields:
         np.testing.assert_allclose(getattr(together, name), sum(getattr(one, name) for one in apart), rtol=1e-15)
 
@@ -164,8 +168,8 @@ def test_terms_of_several_effects_are_the_sum_of_each():
 def test_an_effect_of_zero_strength_equals_an_absent_one():
     distance, sigma = np.linspace(0.5, 1.2, 15), np.ones(15)
     repulsion = pm.Repulsion(law=pm.Harmonic())
-    with_zero = contact_terms((repulsion, pm.ContactDamping(0.0)), distance, sigma)
-    without = contact_terms((repulsion,), distance, sigma)
+    with_zero = contact_terms((repulsion, pm.ContactDamping(0.0)), equal_touches(distance, sigma))
+    without = contact_terms((repulsion,), equal_touches(distance, sigma))
     assert all(np.array_equal(one, other) for one, other in zip(with_zero, without, strict=True))
 
 
@@ -197,7 +201,9 @@ def monomial(exponent):
 
 def test_a_law_defined_again_under_its_name_is_the_new_law():
     for exponent in (2.0, 3.0, 4.0):
-        terms = contact_terms((pm.Repulsion(law=monomial(exponent)()),), np.array([0.5]), np.array([1.0]))
+        terms = contact_terms(
+            (pm.Repulsion(law=monomial(exponent)()),), equal_touches(np.array([0.5]), np.array([1.0]))
+        )
         assert terms.energy_c[0] == pytest.approx(0.5**exponent, rel=1e-14)
         assert terms.first_c[0] == pytest.approx(-exponent * 0.5 ** (exponent - 1.0), rel=1e-14)
 
@@ -281,7 +287,7 @@ def named_tuple(name, field="energy_scale", **methods):
         ),
         (
             named_tuple("Scaleless", field="strength", energy=no_op, first=no_op, second=no_op),
-            r"law Scaleless must have a field energy_scale or stiffness, got \('strength',\)",
+            r"law Scaleless must have a field energy_scale, stiffness or modulus, got \('strength',\)",
         ),
     ],
 )
@@ -326,7 +332,7 @@ def test_a_law_that_does_not_compile_is_told_in_one_line_naming_law_and_method(m
 def test_an_effect_that_does_not_compile_is_told_in_one_line():
     cls = pm.effect(named_tuple("Odd", pair_energy=looks_up_in_a_dictionary))
     with pytest.raises(TypeError, match=r"^effect Odd\.pair_energy must compile: "):
-        contact_terms((cls(1.0),), np.array([0.5]), np.array([1.0]))
+        contact_terms((cls(1.0),), equal_touches(np.array([0.5]), np.array([1.0])))
 
 
 def harmony(**changes):

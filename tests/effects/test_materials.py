@@ -10,19 +10,28 @@ import packmech as pm
 GLASS = pm.Material(young_modulus=7.0, poisson_ratio=0.22, density=2.5, restitution=0.9, friction=0.4)
 
 
+@pytest.mark.parametrize("other", [1.0, 1.4, 30.0])
 @pytest.mark.parametrize("radius", [0.2, 0.5, 3.0])
-def test_spheres_repel_and_slide_as_hertz_and_mindlin_have_it(radius):
-    overlap, slip = 1e-3 * radius, 1e-7 * radius
-    place = np.array([[0.0] * 3, [2.0 * radius - overlap, 0.0, 0.0]])
+def test_spheres_of_any_sizes_repel_and_slide_as_hertz_and_mindlin_have_it(radius, other):
+    overlap, slip, both = 1e-3 * radius, 1e-7 * radius, np.array([radius, radius * other])
+    place = np.array([[0.0] * 3, [both.sum() - overlap, 0.0, 0.0]])
     springs = pm.TangentialDisplacements([0], [1], [[0] * 3], [[0.0, slip, 0.0]])
-    packing = pm.Packing(place, [radius] * 2, pm.Box.cubic(10.0 * radius, 3))
+    packing = pm.Packing(place, both, pm.Box.cubic(10.0 * both.max(), 3))
     scene = pm.Scene(packing.replace(tangential=springs), GLASS.effects(packing))
     found = pm.contact_forces(scene)
     effective, shear = 7.0 / (2.0 * (1.0 - 0.22**2)), 7.0 / (2.0 * 1.22) / (2.0 * (2.0 - 0.22))
-    contact_radius = math.sqrt(0.5 * radius * overlap)
+    contact_radius = math.sqrt(both.prod() / both.sum() * overlap)
     assert found.normal_c[0] == pytest.approx(4.0 / 3.0 * effective * contact_radius * overlap, rel=1e-9)
     assert found.tangential_cd[0, 1] == pytest.approx(8.0 * shear * contact_radius * slip, rel=1e-9)
     assert GLASS.effective_modulus == pytest.approx(effective) and GLASS.shear_modulus == pytest.approx(7.0 / 2.44)
+
+
+def test_a_wall_is_a_rigid_plane_to_a_sphere():
+    sphere = pm.Packing([[2.0, 2.0, 0.499]], [0.5], pm.Box.cubic(4.0, 3))
+    scene = pm.Scene(sphere, (pm.Walls(2.0, 0.0, 4.0, pm.ElasticSpheres(GLASS.effective_modulus)),))
+    # E / (1 - nu^2) and the radius of the sphere
+    due = 4.0 / 3.0 * 7.0 / (1.0 - 0.22**2) * math.sqrt(0.5) * 0.001**1.5
+    np.testing.assert_allclose(pm.forces(scene)[0], [0.0, 0.0, due], rtol=1e-9)
 
 
 def test_discs_are_cylinders_of_any_size_and_collisions_leave_what_the_material_says():
@@ -34,13 +43,13 @@ def test_discs_are_cylinders_of_any_size_and_collisions_leave_what_the_material_
     assert pm.Material(7.0, 0.22).effects(packing) == (repulsion,)
 
 
-def test_what_hertz_contacts_of_one_number_cannot_be_is_refused_by_name():
-    mixed = pm.Packing([[0.0] * 3, [2.0] * 3], [0.5, 0.6], pm.Box.cubic(5.0, 3))
-    with pytest.raises(ValueError, match=r"spheres of one size.*got radii 0.5 and 0.6 of particles 0 and 1"):
-        GLASS.effects(mixed)
+def test_shapes_whose_curvature_differs_from_place_to_place_are_refused_by_name():
     flat = pm.random_packing(8, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(1.5), seed=1)
     with pytest.raises(ValueError, match="packing must be of discs or spheres"):
         GLASS.effects(flat)
+    for effects in ((pm.Repulsion(pm.ElasticSpheres()),), (pm.Repulsion(), pm.DMT())):
+        with pytest.raises(ValueError, match=r"asks for effective radii for .*llipse.*, whose curvature"):
+            pm.Scene(flat, effects)
 
 
 def test_scene_files_have_a_table_for_it(tmp_path):

@@ -37,7 +37,7 @@ def rounding(*scenes):
     for scene in scenes:
         packing = scene.packing
         contacts = pm.find_contacts(packing)
-        terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+        terms = contact_terms(scene.effects, contacts)
         images = 1 + np.abs(contacts.image_cd).max(initial=0)
         size = np.abs(packing.position_nd).max() + images * np.abs(packing.box.lattice_dd).max()
         shift = 16 * EPSILON * size

@@ -223,7 +223,9 @@ class Network:
         ends = np.array([i, j], dtype=np.int64)
         image = np.array(image, dtype=np.int64).reshape(-1, len(lattice))
         sizes = (len(place), len(lattice))
-        return packing, pm.Contacts(*ends, image, vector / distance[:, None], distance, distance, *sizes)
+        return packing, pm.Contacts(
+            *ends, image, vector / distance[:, None], distance, distance, 0.25 * distance, *sizes
+        )
 
 
 def random_pairs(rng, particles, d, count):

@@ -14,6 +14,7 @@ from numba.core import config
 
 import packmech
 from packmech.effects.laws import Harmonic, Hertz, law_energy
+from packmech.effects.partners import equal_partners
 from packmech.jit import cache
 from packmech.jit.compiled import kernel
 
@@ -25,7 +26,7 @@ ENERGIES = [pytest.approx(0.0648, rel=1e-14), pytest.approx(0.031104, rel=1e-14)
 
 def energy(law, distance):
     """Return the energy of a pair with contact distance 1."""
-    return law_energy(law, distance, 1.0)
+    return law_energy(law, distance, equal_partners(1.0))
 
 
 def as_a_new_process():
@@ -151,10 +152,10 @@ from packmech.jit import cache
 from packmech.jit.compiled import kernel
 
 def energy(law, distance):
-    return law_energy(law, distance, 1.0)
+    return law_energy(law, distance, equal_partners(1.0))
 
 def again(law, distance):
-    return law_energy(law, distance, 1.0)
+    return law_energy(law, distance, equal_partners(1.0))
 
 top = pathlib.Path(sys.argv[1])
 kernel(energy)(Harmonic(), 0.64)  # what numba imports late is imported; the code lies in the first folder
@@ -230,7 +231,7 @@ from packmech.effects.laws import Harmonic, Hertz, law_energy
 from packmech.jit.compiled import kernel
 
 def energy(law, distance):
-    return law_energy(law, distance, 1.0)
+    return law_energy(law, distance, equal_partners(1.0))
 
 who, turns = sys.argv[1:]
 law = {"a": Harmonic(), "b": Hertz()}[who]

@@ -50,7 +50,7 @@ def test_exact_energy_tangent_is_the_second_difference_of_the_energy_at_rest_aga
     # where contacts are kept for small steps only, rounding of four energies shows in their second difference: of the
     # distances of contacts, which is that of coordinates, times their forces
     contacts = pm.find_contacts(scene.packing)
-    force_c = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).first_c
+    force_c = contact_terms(scene.effects, contacts).first_c
     energy = np.finfo(float).eps * np.abs(scene.packing.position_nd).max() * np.sqrt((force_c**2).sum())
     rounding = 4.0 * energy / (0.5 * step) ** 2 / scene.packing.box.volume / np.abs(exact).max()
     assert near == pytest.approx(far / 4.0, rel=0.1, abs=2.0 * rounding)

@@ -30,7 +30,7 @@ def energy_gradient(scene, motion):
     gradient = np.eye(packing.dimension) + mandel_tensor(motion[count:])
     now = moved(packing, motion)
     contacts = pm.find_contacts(now)
-    terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+    terms = contact_terms(scene.effects, contacts)
     uphill = -sum_forces(contacts, -terms.first_c) @ gradient
     # vectors before the strain: the derivative of |(1 + e) v| with respect to e is n v
     before = contacts.vector_cd @ np.linalg.inv(gradient).T
@@ -98,7 +98,7 @@ def test_uniform_translations_cost_nothing_and_the_matrix_is_symmetric(random_sc
 def test_unstressed_hessian_is_the_spring_network_of_the_rigidity_matrix(random_scene, dimension):
     scene = random_scene(dimension, 4, "lennard-jones")
     contacts = pm.find_contacts(scene.packing)
-    second = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c).second_c
+    second = contact_terms(scene.effects, contacts).second_c
     rigidity = pm.rigidity_matrix(scene.packing).toarray()
     expected = rigidity.T @ (second[:, None] * rigidity)
     found = pm.hessian(scene, kind="unstressed").toarray()

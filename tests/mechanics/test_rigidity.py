@@ -149,7 +149,7 @@ def test_states_of_self_stress_balance_every_particle_and_the_admitted_strains(r
 def test_the_contact_forces_of_a_packing_at_rest_are_a_state_of_self_stress(rest_scene):
     scene = rest_scene(64, 2, 0.9, 1)
     contacts = pm.find_contacts(scene.packing, gap_tolerance=1e-9)
-    terms = contact_terms(scene.effects, contacts.distance_c, contacts.contact_distance_c)
+    terms = contact_terms(scene.effects, contacts)
     force = -terms.first_c
     force /= np.linalg.norm(force)
     states = pm.states_of_self_stress(scene.packing).force_ck

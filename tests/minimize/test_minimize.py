@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import BDF
 
 import packmech as pm
+from packmech.effects import equal_partners, pair_first
 from packmech.minimize.program import build_program
 
 REPULSION = (pm.Repulsion(law=pm.Harmonic()),)
@@ -43,7 +44,7 @@ def recomputed_residual(packing, effects=REPULSION):
     scene = pm.Scene(packing, effects)
     contacts = pm.find_contacts(packing)
     force = sum(
-        -effect.pair_first(r, sigma)
+        -pair_first(effect, r, equal_partners(sigma))
         for effect in effects
         for r, sigma in zip(contacts.distance_c, contacts.contact_distance_c, strict=True)
     )
