@@ -657,7 +657,7 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
                 _check_numbers(f"{where}.{name}", value)
         elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
-        elif name in ("energy_scale", "stiffness") and value <= 0 and not (slack and value == 0):
+        elif name in ("energy_scale", "stiffness", "modulus") and value <= 0 and not (slack and value == 0):
             raise ValueError(f"{where}.{name} must be positive, got {value!r}")
         elif value < 0 and name not in SIGNED.get(type(record), ()):
             raise ValueError(f"{where}.{name} must not be negative, got {value!r}")

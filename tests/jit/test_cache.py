@@ -148,6 +148,7 @@ PLACES = """
 import json, os, pathlib, sys, warnings
 from numba.core import config
 from packmech.effects.laws import Harmonic, law_energy
+from packmech.effects.partners import equal_partners
 from packmech.jit import cache
 from packmech.jit.compiled import kernel
 
@@ -228,6 +229,7 @@ def test_code_goes_beside_the_package_where_that_can_be_written(places):
 RACE = """
 import os, pathlib, sys, time
 from packmech.effects.laws import Harmonic, Hertz, law_energy
+from packmech.effects.partners import equal_partners
 from packmech.jit.compiled import kernel
 
 def energy(law, distance):
