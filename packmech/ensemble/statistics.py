@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import shown
+from packmech.calls.display import in_words, shown
 from packmech.check import (
     bin_edges,
     clear_errors,
@@ -367,6 +367,6 @@ def series_of(found: GroupStatistics, over: str) -> list[tuple[str, NDArray[np.i
     for key, part in itertools.groupby(
         sorted(range(len(found)), key=lambda g: (keys[g], found.by[over][g])), keys.__getitem__
     ):
-        label = ", ".join(f"{name} = {value}" for name, value in zip(others, key, strict=True))
+        label = ", ".join(f"{name} = {in_words(value)}" for name, value in zip(others, key, strict=True))
         curves.append((label, np.array(list(part))))
     return curves

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import value_with_error
+from packmech.calls.display import in_words, value_with_error
 from packmech.check import brief, call_fault, did_you_mean, finite_array, instance, integer, one_of
 from packmech.dynamics.ledger import EnergyLedger
 from packmech.effects import held_particles
@@ -785,7 +785,7 @@ def _draw_groups(
     lines = list(dict.fromkeys(keys))
     for key in lines:
         members = np.array([one == key for one in keys])
-        words = [f"{name.rpartition('.')[2]} = {value}" for name, value in zip(others, key, strict=True)]
+        words = [f"{name.rpartition('.')[2]} = {in_words(value)}" for name, value in zip(others, key, strict=True)]
         style = _curve(ax, ", ".join([*([label] if label else []), *words]))
         style |= {"fmt": MARKERS[COLORS.index(style["color"]) % len(MARKERS)] + "-", "markersize": 4.0, "capsize": 2.0}
         x, value, error = groups.by[axis][members].astype(float), groups.value_g[members], groups.error_g[members]

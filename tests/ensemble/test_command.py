@@ -1,5 +1,8 @@
 """`packmech ensemble`: what its actions print and write."""
 
+import re
+
+import numpy as np
 import pytest
 from cyclopts import CycloptsError
 
@@ -25,10 +28,26 @@ def test_the_actions_say_what_came_of_members(tmp_path, job, capsys):
     plot = ["ensemble", "plot", *words, "--out", str(picture), "--of", "square", "--over", "scale", "--log", "--fit"]
     assert execute(plot) == OK
     # every value is the scale times a number, so means are its first power
-    assert "x^(1.0000 +- " in capsys.readouterr().out
+    assert re.search(r"= \(3\.\d+ \+- \S+\) x\^\(1\.0\d* \+- ", capsys.readouterr().out)
     assert picture.stat().st_size > 10_000
     assert execute(["ensemble", "plot", *words, "--out", str(picture), "--of", "square", "seconds"]) == OK
     assert (tmp_path / "plot_square.png").exists() and (tmp_path / "plot_seconds.png").exists()
+
+
+def test_tables_and_pictures_write_parameters_with_six_digits_at_most(tmp_path, job, called, capsys):
+    folder, picture = tmp_path / "out", tmp_path / "plot.svg"
+    grid = {"scale": np.geomspace(1.0, 10.0, 4) / 3.0, "seed": range(2)}
+    found = pm.run_ensemble(called("square"), grid, folder, workers=0)
+    longest = max(map(str, found["scale"]), key=len)
+    assert len(longest) > 15
+    words = ["--folder", str(folder), "--of", "square"]
+    assert execute(["ensemble", "table", *words, "--out", str(tmp_path / "table.csv")]) == OK
+    with pm.view.figures.matplotlib_parts().rc_context({"svg.fonttype": "none"}):
+        assert execute(["ensemble", "plot", *words, "--out", str(picture), "--fit"]) == OK
+    drawn = pm.plot(pm.group_statistics(found, "square", ["seed", "scale"])).get_legend_handles_labels()[1]
+    short = f"{float(longest):.6g}"
+    for text in (capsys.readouterr().out, picture.read_text(), repr(found), " ".join(drawn)):
+        assert short in text and longest[:9] not in text
 
 
 def test_failures_are_listed_and_make_the_exit_code(tmp_path, job, capsys):
