@@ -267,6 +267,7 @@ def examine(
         # made of the counts that are shown, which the verdict may have bettered
         counts = (report.numbers[name] for name in ("contacts", "rattlers", "particles"))
         report.numbers["coordination_number"] = mean_contacts(*counts)
+    report.numbers |= _excess(report.numbers)
     with _part(report, "moduli", progress):
         _moduli(report)
     if modes and not rough:
@@ -370,6 +371,18 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     }
 
 
+def _excess(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return z - z_iso; nothing where all rattle, or walls and weights make that no measure of what holds them.
+
+    z_iso is 2 / N' times the isostatic number of contacts, and with friction (d + 1) + 2 n_m / d.
+    """
+    contacts, rattlers, particles = (numbers[name] for name in ("isostatic_contacts", "rattlers", "particles"))
+    if contacts is None or rattlers == particles:
+        return {}
+    isostatic = numbers.get("isostatic_coordination", mean_contacts(contacts, rattlers, particles))
+    return {"excess_coordination": numbers["coordination_number"] - isostatic}
+
+
 def _of_moving(scene: Scene, count_n: NDArray[np.int64], rattler_n: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the coordination number of what moves, and how much is held; nothing where nothing is."""
     held = held_particles(scene.effects, scene.packing.particles)
@@ -384,7 +397,9 @@ def _counts_with_friction(scene: Scene, smooth: Mapping[str, Any]) -> dict[str, 
     kept = ~found.rattlers_n
     counted = {name: value for name, value in smooth.items() if name not in _OF_SMOOTH_CONTACTS}
     if counted["isostatic_contacts"] is not None:
-        counted["isostatic_contacts"] = math.ceil(0.5 * int(kept.sum()) * found.isostatic_coordination)
+        isostatic = found.isostatic_coordination
+        counted["isostatic_contacts"] = math.ceil(0.5 * int(kept.sum()) * isostatic)
+        counted["isostatic_coordination"] = isostatic
     held = held_particles(scene.effects, scene.packing.particles)
     numbers, named = found.to_dict(), ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
     return counted | {
@@ -669,6 +684,8 @@ def _coordination_row(numbers: Mapping[str, Any]) -> Row:
     if numbers.get("held"):
         counted = f"that neither rattles nor is one of {numbers['held']} held"
     note = f"{which} per particle {counted}"
+    if "excess_coordination" in numbers:
+        note += f"; {numbers['excess_coordination']:+.4f} beyond the isostatic one"
     return ("coordination number", f"{numbers['coordination_number']:.4f}", note)
 
 

@@ -86,6 +86,21 @@ def test_wrong_words_are_refused(tmp_path, words, message):
         execute(["ensemble", *words, "--folder", str(tmp_path / "out")])
 
 
+def test_the_excess_coordination_can_be_asked_for(tmp_path, capsys):
+    (tmp_path / "small.toml").write_text(
+        '[packing]\nkind = "random"\nparticles = 16\ndimension = 2\npacking_fraction = 0.9\nseed = 3\n'
+        '[[effects]]\nkind = "repulsion"\nlaw = "harmonic"\n[drive]\nkind = "jam"\npressure = 1e-3\n'
+    )
+    words = ["--folder", str(tmp_path / "out"), "--workers", "0"]
+    assert execute(["ensemble", f"{tmp_path}/small.toml", "--seeds", "0:2", *words]) == OK
+    found = pm.read_ensemble(tmp_path / "out")
+    held = found["particles"] - found["rattlers"]
+    np.testing.assert_allclose(found["excess_coordination"], 2.0 * found["excess_contacts"] / held, atol=1e-12)
+    capsys.readouterr()
+    assert execute(["ensemble", "table", *words[:2], "--of", "excess_coordination"]) == OK
+    assert "excess coordination" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(("letter", "name"), [("z", "coordination_number"), ("phi_J", "jamming_packing_fraction")])
 def test_the_letter_of_a_result_suggests_its_name(tmp_path, letter, name):
     (tmp_path / "job.py").write_text(

@@ -212,6 +212,27 @@ def test_the_report_of_a_crystal_has_six_contacts_per_particle_and_both_isostati
     assert "33 = 2N'+1, strain free (31 with strain isotropic)" in row(result_rows(free.numbers, {}), "contacts")[2]
 
 
+def test_the_excess_coordination_is_two_excess_contacts_per_particle_that_is_held():
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.9, seed=1)
+    scene = pm.Scene(start, HARMONIC)
+    run = pm.jam(scene, pressure=1e-3)
+    numbers = examine(scene.replace(packing=run.packing), strain="free", modes=0).numbers
+    held = numbers["particles"] - numbers["rattlers"]
+    assert run.report["excess_contacts"] > 0
+    assert numbers["excess_coordination"] == pytest.approx(2.0 * run.report["excess_contacts"] / held, abs=1e-12)
+    # nobody is held: there is no number from which it could differ
+    assert "excess_coordination" not in examine(crystal(relative_overlap=-0.1), modes=0).numbers
+
+
+def test_the_excess_coordination_with_friction_is_beyond_three_in_the_plane():
+    """No contact of a crystal of equal overlaps bears a tangential force, so z_iso = d + 1 = 3 of z = 6."""
+    scene = crystal().replace(effects=(*HARMONIC, pm.Friction(0.5)))
+    report = examine(scene, modes=0)
+    assert report.numbers["isostatic_coordination"] == 3.0
+    assert report.numbers["excess_coordination"] == 3.0
+    assert "+3.0000 beyond" in row(result_rows(report.numbers, {}), "coordination number")[2]
+
+
 @pytest.mark.parametrize(("overlap", "deep"), [(0.4, False), (0.6, True)])
 def test_particles_that_lie_on_each_other_are_remarked(overlap, deep):
     report = examine(crystal(relative_overlap=overlap), modes=0, verdict=False)
