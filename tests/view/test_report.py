@@ -180,6 +180,12 @@ def test_a_pile_has_no_rattlers_and_no_isostatic_count():
     assert numbers["isostatic_contacts"] is None
     assert numbers["wall_contacts"] == len(pm.wall_contacts(scene)) > 0
     assert numbers["contacts"] == len(pm.find_contacts(scene.packing))
+    # at rest the floor bears the weight
+    weight = 1e-3 * scene.packing.mass_n.sum()
+    assert numbers["weight"] == pytest.approx(weight, rel=1e-12)
+    assert numbers["force_on_walls"] == pytest.approx(weight, rel=1e-6) and numbers["force_on_held"] == 0.0
+    words = row(result_rows(numbers, {}), "force on supports")
+    assert words[1] == f"{numbers['force_on_walls']:.6g}" and "on walls" in words[2]
 
 
 def test_the_coordination_number_on_a_held_floor_is_that_of_what_moves():
@@ -193,6 +199,13 @@ def test_the_coordination_number_on_a_held_floor_is_that_of_what_moves():
     assert report.numbers["coordination_number"] == 2.0 and report.numbers["held"] == 6
     words = row(result_rows(report.numbers, report.missing), "coordination number")[2]
     assert "neither rattles nor is one of 6 held" in words
+    # of three discs: what holds the six bears their own weight beside it
+    weight = 1e-3 * scene.packing.mass_n[6:].sum()
+    assert report.numbers["weight"] == pytest.approx(weight, rel=1e-12)
+    assert report.numbers["force_on_held"] == pytest.approx(weight, rel=1e-6)
+    assert "on held particles," in row(result_rows(report.numbers, {}), "force on supports")[2]
+    lifted = examine(scene.without(pm.Gravity), modes=0, verdict=False)
+    assert "force on supports" not in [name for name, *_ in result_rows(lifted.numbers, {})]
     rough = pm.contact_forces(scene.replace(effects=(*effects, pm.Friction(0.5))))
     assert rough.coordination_number == 2.0
     # the floor bears the weight of all nine
