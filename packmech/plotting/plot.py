@@ -623,13 +623,12 @@ def _draw_local_yield(found: LocalYield, ax: Any, *, direction: int | None = Non
 @_draws(Deformation)
 def _draw_deformation(run: Deformation, ax: Any, *, component: str | None = None, label: str = "") -> None:
     """Draw a component of the stress, unless named that of the largest given strain, against this strain."""
-    given, names = run.asked.end_dd, run.component_names
-    place = divmod(int(np.abs(given).argmax()), len(given))
-    places = {name: at for at, name in names.items()}
-    drawn = names[place] if component is None else one_of("component", component, tuple(places))
-    strain_t = run.strain_tdd[:, *place] if given.any() else np.arange(len(run.strain_tdd))
+    loaded, places = run.loaded_component, {name: at for at, name in run.component_names.items()}
+    drawn = loaded or "xx" if component is None else one_of("component", component, tuple(places))
+    strain_t = np.arange(len(run.strain_tdd)) if loaded is None else run.strain_tdd[:, *places[loaded]]
     ax.plot(strain_t, run.stress_tdd[:, *places[drawn]], linewidth=1.0, **_curve(ax, label))
-    ax.set(xlabel=f"strain {names[place]}" if given.any() else "row", ylabel=f"stress {drawn} {_unit(len(given))}")
+    unit = _unit(run.packing.dimension)
+    ax.set(xlabel="row" if loaded is None else f"strain {loaded}", ylabel=f"stress {drawn} {unit}")
     _finish(ax, "deformation, tension positive")
 
 

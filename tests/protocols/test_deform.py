@@ -89,6 +89,17 @@ def test_strains_on_the_diagonal_are_logarithms_of_lengths(dimension):
     assert run.stress_tdd[:, 0, 0] == pytest.approx(-1.2e-2, rel=1e-8)
 
 
+def test_the_repr_says_first_which_component_was_loaded_and_how_far():
+    scene = soft(3)
+    held = {name: float(pm.stress_tensor(scene)[at, at]) for at, name in ((0, "xx"), (1, "yy"))}
+    run = pm.deform(scene, strain={"zz": -2e-4, "xy": 1e-4}, stress=held, steps=1)
+    stress = run.stress_tdd[-1, 2, 2]
+    assert run.loaded_component == "zz"
+    words = f"loaded: zz strain -0.0002, stress {stress:.6g} [1], [energy/length^3]; a strain of -0.0002 was asked for"
+    assert repr(run).splitlines()[1].split() == words.split()
+    assert pm.deform(scene, stress=held).loaded_component is None
+
+
 def test_in_time_slow_strains_lead_where_those_at_rest_do():
     bare = soft()
     scene = bare.replace(effects=(*bare.effects, pm.ContactDamping(0.5)))
