@@ -10,7 +10,10 @@ from packmech.effects.pair import effect
 
 @effect
 class Repulsion(NamedTuple):
-    """Touching particles repel along the line of centers by the given law."""
+    """Touching particles repel along the line of centers by the given law.
+
+    Its law is checked when a `Scene` is made with it.
+    """
 
     law: Law = Harmonic()
 
