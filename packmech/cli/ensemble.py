@@ -20,7 +20,7 @@ from packmech.ensemble.jobs import check_parameters, job_table
 from packmech.ensemble.members import members_of, values_in
 from packmech.ensemble.row import write_row as write_workflow
 from packmech.ensemble.run import Made, MemberSettings, complete_folder, complete_members, member_settings
-from packmech.ensemble.statistics import fit_power_law, group_statistics, varied_parameters
+from packmech.ensemble.statistics import crossover_warning, fit_power_law, group_statistics, varied_parameters
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.files.packings import is_packing_file
 from packmech.files.tables import write_table
@@ -430,5 +430,7 @@ def _plot(
             f"x^({value_with_error(law.exponent, law.exponent_error)}), "
             f"chi^2 {law.chi_square:.2f} per degree of freedom"
         )
+        if words := crossover_warning(found, name, axis):
+            show(words)
     show(f"wrote {path}")
     return OK

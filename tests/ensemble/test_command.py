@@ -8,6 +8,10 @@ from cyclopts import CycloptsError
 
 import packmech as pm
 from packmech.cli import FAILED, OK, execute
+from packmech.ensemble.folder import prepare
+from packmech.ensemble.jobs import job_table
+from packmech.ensemble.statistics import crossover_warning
+from packmech.ensemble.table import Ensemble
 
 
 def test_the_actions_say_what_came_of_members(tmp_path, job, capsys):
@@ -99,6 +103,47 @@ def test_the_excess_coordination_can_be_asked_for(tmp_path, capsys):
     capsys.readouterr()
     assert execute(["ensemble", "table", *words[:2], "--of", "excess_coordination"]) == OK
     assert "excess coordination" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("result", "particles", "warned"),
+    [("shear_modulus", 100, "N^2 P is 0.01 "), ("shear_modulus", 10_000, ""), ("bulk_modulus", 100, "")],
+)
+def test_a_power_law_over_pressures_of_the_finite_size_plateau_is_warned_of(
+    tmp_path, job, result, particles, warned, capsys
+):
+    """N^2 P is 0.01 at the lowest pressure of 100 discs, and 100 of ten thousand; bulk moduli have no plateau."""
+    folder = ["--folder", str(tmp_path / "out")]
+    grid = ["--grid", "pressure=1e-6:1e-2:5:log", f"particles={particles}"]
+    assert execute(["ensemble", job("pressed"), "--seeds", "0:2", "--workers", "0", *grid, *folder]) == OK
+    capsys.readouterr()
+    assert execute(["ensemble", "plot", "--of", result, "--over", "pressure", "--fit", *folder]) == OK
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning")]
+    assert [warned in line for line in lines] == ([True] if warned else [])
+    assert execute(["ensemble", "plot", "--of", result, "--over", "pressure", *folder]) == OK
+    assert "warning" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("effects", "least"),
+    [
+        ('[[effects]]\nkind = "repulsion"\nlaw = "harmonic"\n', "0.0016 "),
+        # overlaps, which P over the stiffness is, grow as P^(2/3)
+        ('[[effects]]\nkind = "repulsion"\nlaw = "hertz"\n', "0.16 "),
+        ('[[effects]]\nkind = "repulsion"\nlaw = "harmonic"\n[[effects]]\nkind = "friction"\n', ""),
+    ],
+)
+def test_the_plateau_is_told_by_the_stiffness_of_contacts(tmp_path, effects, least):
+    (tmp_path / "small.toml").write_text(
+        '[packing]\nkind = "random"\nparticles = 40\ndimension = 2\npacking_fraction = 0.5\nseed = 3\n'
+        f'{effects}[drive]\nkind = "jam"\npressure = 1e-6\n'
+    )
+    folder = tmp_path / "out"
+    prepare(folder, job_table(f"{tmp_path}/small.toml"))
+    columns = {"drive.pressure": np.array([1e-6, 1e-5]), "particles": np.array([40, 40])}
+    found = Ensemble(folder, (), {**columns, "state": np.array(["done", "done"])})
+    words = crossover_warning(found, "excess_coordination", "drive.pressure")
+    assert f"N^2 P is {least}" in words if least else words == ""
 
 
 @pytest.mark.parametrize(("letter", "name"), [("z", "coordination_number"), ("phi_J", "jamming_packing_fraction")])
