@@ -214,6 +214,11 @@ class Simulation(Run):
         return {**super().about(), "dt": self.dt, "energy_drift": self.energy_drift}
 
     @property
+    def flows(self) -> bool:
+        """Whether the box was strained."""
+        return self.strain != 0.0
+
+    @property
     def title(self) -> str:
         """What the run is of, in words."""
         return f"{super().title} through a time of {self._time:.6g}"

@@ -202,6 +202,11 @@ class Deformation(Run):
         return self.asked.conditions(self.stress_tdd.mean(axis=0), self.tolerance, hint)
 
     @property
+    def flows(self) -> bool:
+        """Whether the box was deformed in time."""
+        return self.rate > 0.0
+
+    @property
     def title(self) -> str:
         """What the run is of, in words."""
         return f"{super().title}, deformed {'in time' if self.rate else 'quasistatically'}"
@@ -245,7 +250,7 @@ class Deformation(Run):
             *found,
             ("packing fraction", f"{self.packing_fraction_t[-1]:.6f}", "overlaps counted twice"),
             ("friction angle", f"{np.degrees(self.friction_angle_t[-1]):.2f}", "mobilized at the end [degrees]"),
-            ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
+            *self._residual_rows(),
         ]
 
     def table(self) -> Table:
