@@ -193,6 +193,8 @@ def one_of(name: str, value: Any, choices: Collection[Word]) -> Word:
 # letters of the field for names that packmech spells out
 _LETTERS = {
     "z": "coordination_number",
+    "dz": "excess_coordination",
+    "delta_z": "excess_coordination",
     "phi": "packing_fraction",
     "phi_j": "jamming_packing_fraction",
     "phij": "jamming_packing_fraction",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -20,6 +20,8 @@ from packmech.packing import Packing
 Row = tuple[str, str, str]
 
 STAGE_HEADINGS = ("step", "residual", "force evaluations", "CPU s", "")
+# what the residual of a flow is
+_OF_A_FLOW = "residual: unbalanced force, of a flow not expected to vanish"
 # units and meanings of what protocols report, d being the dimension
 _REPORT_NOTES = {
     "packing_fraction": "rattlers included",
@@ -308,7 +310,8 @@ class Run:
     outcome
         How the run ended.
     residual
-        Largest net force on a particle over the mean contact force [1]; 0 when nothing touches.
+        Largest net force on a particle over the mean contact force [1]; 0 when nothing touches. Of a flow (`flows`) it
+        is not expected to vanish.
     steps, force_evaluations
         Counts over the whole run.
     seconds, build_seconds
@@ -342,6 +345,11 @@ class Run:
         return self.outcome.ok
 
     @property
+    def flows(self) -> bool:
+        """Whether the run is a flow, in which forces accelerate particles and are not expected to balance."""
+        return False
+
+    @property
     def title(self) -> str:
         """What the run is of, in words."""
         return particles_in_words(self.packing)
@@ -372,6 +380,11 @@ class Run:
             *(() if ledger is None else (ledger.row(),)),
         ]
 
+    def _residual_rows(self) -> list[Row]:
+        """Return how well forces balance; of a flow, whose forces do not, nothing."""
+        balance = ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force")
+        return [] if self.flows else [balance]
+
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
         reported = {
@@ -381,7 +394,7 @@ class Run:
         }
         return [
             *self.outcome_rows(),
-            ("force residual", f"{self.residual:.1e}", "largest net force / mean contact force"),
+            *self._residual_rows(),
             *(
                 (
                     name.replace("_", " "),
@@ -396,7 +409,10 @@ class Run:
     def summary(self) -> Summary:
         """Return what the run reached and what each step cost, in words; printed, it is a table."""
         whole = Stage("run", self.residual, self.steps, self.force_evaluations, self.seconds, self.outcome.name.lower())
-        return Summary(self.title, tuple(self.rows()), self.stages or (whole,))
+        *before, last = self.stages or (whole,)
+        if self.flows:
+            last = replace(last, note="; ".join(filter(None, (last.note, _OF_A_FLOW))))
+        return Summary(self.title, tuple(self.rows()), (*before, last))
 
     def __repr__(self) -> str:
         return as_text(type(self).__name__, self._headline(), self._shown_rows(), "all of it: print(run.summary()); ")
@@ -407,7 +423,8 @@ class Run:
     def _headline(self) -> str:
         """Return how the run ended and what it cost, in one line."""
         ended = self.outcome.name.lower().replace("_", " ")
-        return f"{self.title}: {ended}, residual {self.residual:.1e}, {self.steps} steps, {self.seconds:.3g} CPU s"
+        balance = "" if self.flows else f"residual {self.residual:.1e}, "
+        return f"{self.title}: {ended}, {balance}{self.steps} steps, {self.seconds:.3g} CPU s"
 
     def _shown_rows(self) -> list[Row]:
         """Return the rows of `rows` that the headline does not say; what to change comes first where it failed."""
@@ -475,5 +492,5 @@ class NotConverged(RuntimeError):  # noqa: N818 - the outcome is a value first a
     def __init__(self, run: Run, message: str = "") -> None:
         self.run = run
         unmet = f" Not met: {'; '.join(map(str, run.unmet))}." if run.unmet else ""
-        reached = f"(residual {run.residual:.3g} after {run.steps} steps)"
+        reached = f"({'' if run.flows else f'residual {run.residual:.3g} '}after {run.steps} steps)"
         super().__init__(message or f"{run.outcome.value}{unmet} {reached}")

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from packmech.calls.display import value_with_error
+from packmech.calls.display import in_words, value_with_error
 from packmech.cli import FAILED, OK
 from packmech.cli.output import WHOLE, Load, Switch, show, table, working
 from packmech.ensemble.drawing import draw_ensemble
@@ -20,7 +20,7 @@ from packmech.ensemble.jobs import check_parameters, job_table
 from packmech.ensemble.members import members_of, values_in
 from packmech.ensemble.row import write_row as write_workflow
 from packmech.ensemble.run import Made, MemberSettings, complete_folder, complete_members, member_settings
-from packmech.ensemble.statistics import fit_power_law, group_statistics, varied_parameters
+from packmech.ensemble.statistics import crossover_warning, fit_power_law, group_statistics, varied_parameters
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.files.packings import is_packing_file
 from packmech.files.tables import write_table
@@ -351,7 +351,7 @@ def _status(found: Ensemble) -> int:
     failed = [k for k, state in enumerate(found["state"]) if state == "failed"]
     rows = []
     for k in failed[:_LISTED]:
-        asked = ", ".join(f"{name} = {value}" for name, value in found.members[k].parameters.items())
+        asked = ", ".join(f"{name} = {in_words(value)}" for name, value in found.members[k].parameters.items())
         rows.append((asked, str(found["reason"][k]), str(found["message"][k])))
     if rows:
         show(
@@ -387,7 +387,7 @@ def _table(found: Ensemble, path: Path, of: list[str] | None) -> int:
         rows = []
         for g in range(len(means[0])):
             cells = [value_with_error(one.value_g[g], one.error_g[g]) for one in means]
-            rows.append((*(str(means[0].by[name][g]) for name in varied), str(means[0].count_g[g]), *cells))
+            rows.append((*(in_words(means[0].by[name][g]) for name in varied), str(means[0].count_g[g]), *cells))
         head = (*varied, "members", *(name.replace("_", " ") for name in names))
         show(table("means with bootstrap errors", head, rows))
     show(f"wrote {path}: {len(found)} rows")
@@ -416,7 +416,7 @@ def _plot(
     drawn = draw_ensemble(found, name, path, over=over, statistic=statistic, log=log, fit=law)
     rows = [
         (
-            *(str(column[g]) for column in drawn.by.values()),
+            *(in_words(column[g]) for column in drawn.by.values()),
             str(drawn.count_g[g]),
             f"{drawn.value_g[g]:.6g}",
             "" if math.isnan(drawn.error_g[g]) else f"{drawn.error_g[g]:.2g}",
@@ -426,8 +426,11 @@ def _plot(
     show(table(f"{statistic} of {name.replace('_', ' ')}", (*drawn.by, "members", statistic, "+-"), rows))
     if law is not None:
         show(
-            f"{statistic} = {law.prefactor:.4g} x^({law.exponent:.4f} +- {law.exponent_error:.4f}), "
+            f"{statistic} = ({value_with_error(law.prefactor, law.prefactor_error)}) "
+            f"x^({value_with_error(law.exponent, law.exponent_error)}), "
             f"chi^2 {law.chi_square:.2f} per degree of freedom"
         )
+        if words := crossover_warning(found, name, axis):
+            show(words)
     show(f"wrote {path}")
     return OK

@@ -214,6 +214,11 @@ class Simulation(Run):
         return {**super().about(), "dt": self.dt, "energy_drift": self.energy_drift}
 
     @property
+    def flows(self) -> bool:
+        """Whether the box was strained."""
+        return self.strain != 0.0
+
+    @property
     def title(self) -> str:
         """What the run is of, in words."""
         return f"{super().title} through a time of {self._time:.6g}"
@@ -237,6 +242,7 @@ class Simulation(Run):
             "momentum_error": self.momentum_error,
             "link_error": self.link_error,
             "strain": self.strain,
+            **self._speeds(),
             **numbers_of_broken(self.broken_bonds),
         }
         trace = self.trace
@@ -250,6 +256,34 @@ class Simulation(Run):
                 "stress": {name: tensor[-1].tolist() for name, tensor in trace.stress.items()},
             }
         return numbers
+
+    def _speeds(self) -> dict[str, Any]:
+        """Return how fast what is not held moves at the end, by name: of a single particle its velocity, too."""
+        velocity_nd = self.velocity_nd if self.held_n is None else self.velocity_nd[~self.held_n]
+        moving_nd = velocity_nd[velocity_nd.any(axis=1)]
+        if not len(moving_nd):
+            return {}
+        square_n = (moving_nd**2).sum(axis=1)
+        return {
+            "moving": len(moving_nd),
+            "root_mean_square_speed": float(np.sqrt(square_n.mean())),
+            "largest_speed": float(np.sqrt(square_n.max())),
+            **({"velocity": moving_nd[0].tolist()} if len(moving_nd) == 1 else {}),
+        }
+
+    def _speed_rows(self, numbers: Mapping[str, Any]) -> list[Row]:
+        """Return the velocity of the particle that moves at the end, or the speed of several."""
+        if "moving" not in numbers:
+            return []
+        note = f"at the end{', less the flow of the box' if self.strain else ''} [length/time]"
+        if "kinetic_energy" in numbers:
+            note += f"; kinetic energy {numbers['kinetic_energy']:.6g} [energy]"
+        if "velocity" in numbers:
+            return [("velocity", "  ".join(f"{entry:.6g}" for entry in numbers["velocity"]), note)]
+        note = (
+            f"root mean square of the {numbers['moving']} that move, {numbers['largest_speed']:.6g} the largest, {note}"
+        )
+        return [("speed", f"{numbers['root_mean_square_speed']:.6g}", note)]
 
     def rows(self) -> list[Row]:
         """Return what the run reached: name, value, and what the value is."""
@@ -270,6 +304,7 @@ class Simulation(Run):
                 ("change of energy", f"{numbers['energy_drift']:.2g}", f"of the largest; {_AN_ERROR}"),
                 ("momentum error", f"{numbers['momentum_error']:.1e}", "of the sum of m |v|"),
             ]
+        rows += self._speed_rows(numbers)
         rows += rows_of_broken(self.broken_bonds)
         if self.packing.links:
             rows.append(("link error", f"{numbers['link_error']:.1e}", "largest, over the length of the link"))

@@ -26,7 +26,10 @@ _BARELY, _OVERLAP = 1e-9, 0.1
 
 @effect
 class Gravity(NamedTuple):
-    """The same acceleration for every particle [length/time^2]; no potential is periodic, so put a wall in its way."""
+    """The same acceleration for every particle [length/time^2]; no potential is periodic, so put a wall in its way.
+
+    Its numbers are checked when a `Scene` is made with it.
+    """
 
     x: float = 0.0
     y: float = -1.0
@@ -54,6 +57,8 @@ class BackgroundDamping(NamedTuple):
     """Drag against the local flow: -rate m (v - L x), and -rate I (spin - half the flow's vorticity).
 
     Where the box does not deform it slows everything down; where it does, what is carried along feels none of it.
+
+    Its numbers are checked when a `Scene` is made with it.
     """
 
     rate: float = 0.1
@@ -126,6 +131,8 @@ class Walls(NamedTuple):
 
     Walls stand still. The box goes on behind them: it must be longer than from wall to wall by more than particles
     press into both, or these touch each other through the walls.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

@@ -35,6 +35,8 @@ class ShortRangeAttraction(NamedTuple):
     Phys. Rev. Lett. 112, 188303 (2014), whose spring is one from deep overlaps to the largest tension
     energy_scale width / sigma. No contact is ever made or broken by a jump: there is no memory.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     energy_scale
@@ -92,6 +94,8 @@ class DMT(NamedTuple):
     at contact and ends at a gap of `cut` z: forces are continuous, nothing is remembered. LAMMPS (granular, dmt) lets
     the pull jump to zero at contact; the reversible adhesion of MercuryDPM lets it fall linearly over a range, as
     `ShortRangeAttraction` does. From contact it takes the work F z c / (c + 2) to part them, c the cut.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------
@@ -202,6 +206,8 @@ class JKR(NamedTuple):
     A bond is strongest before, at F = -(3/2) pi w R. As it forms the force jumps; what making and breaking of a bond
     takes, 7.09 (w^5 R^4/E^2)^(1/3), is lost (Thornton and Ning, Powder Technol. 99 (1998) 154).
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     modulus
@@ -296,6 +302,8 @@ class CapillaryBridge(NamedTuple):
     form. It forms as they touch, and ruptures at a gap of (1 + theta/2) V^(1/3) (Lian, Thornton and Adams, J. Colloid
     Interface Sci. 161, 138 (1993)), where the force jumps to zero; whether there is one is remembered. Each bridge has
     the same volume.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

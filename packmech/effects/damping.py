@@ -23,6 +23,8 @@ class ContactDamping(_ContactDamping):
 
     The damping term of equation 2.3 of Schreck and O'Hern (2010); it conserves momentum.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     coefficient
@@ -75,6 +77,8 @@ class Restitution(NamedTuple):
     A collision is head-on where friction takes no part in it. In contacts of more than two particles each dashpot is
     that of its pair alone.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     coefficient
@@ -112,6 +116,8 @@ class ViscoelasticDamping(NamedTuple):
     of Brilliantov, Spahn, Hertzsch and Pöschel (Phys. Rev. E 53 (1996) 5382), whose A is the time. Slow collisions take
     a smaller share of the speed than fast ones: `coefficient_of_restitution` says how much is left, `viscoelastic_time`
     gives the time for it.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

@@ -20,6 +20,8 @@ class Mindlin(NamedTuple):
     T / k_t, the energy T^2 / (2 k_t): it falls whichever way k_t changes, so that no cycle makes energy. At rest the
     stiffness of packings is that of contacts whose normal forces grow.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     poisson_ratio
@@ -42,6 +44,8 @@ class Mindlin(NamedTuple):
 
 class DampingRatio(NamedTuple):
     """A tangential dashpot that is so many times the normal dashpots of its contact.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------
@@ -77,6 +81,8 @@ class Friction(NamedTuple):
     dashpots. Arms are the particles' shares of the distance, a_i = r_i d / (r_i + r_j), in the slip and in the torque:
     angular momentum is kept exactly and energy is, where nothing slides and nothing is damped. Cundall and Strack
     (1979), with these arms and this cap.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

@@ -28,6 +28,8 @@ class DivergentRepulsion(NamedTuple):
     The limit is S1-6 itself, 1000 k sigma, where the package stops at 999 k sigma for c = 1: the force is constant from
     the distance where it first reaches the limit down to the center, and the energy rises linearly there.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     stiffness
@@ -112,6 +114,8 @@ class PlateauRepulsion(NamedTuple):
     to r, to 0 at the center. The package's `elastic_force_law_plateau`; a slope of 1 is the other law. The energy is
     the integral of this force.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     begin, end
@@ -193,6 +197,8 @@ class ExponentialTension(NamedTuple):
 
     The package's undocumented exponential option. At its rest length it is as stiff as a spring of stiffness k; no
     stretch pulls harder than k q sigma.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

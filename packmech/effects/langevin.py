@@ -22,6 +22,8 @@ class Langevin(NamedTuple):
     (omega dt / 2)^2 of their mean square. The numbers xi, of Philox4x32-10 (Salmon et al., 2011), depend on the seed,
     the step and the number of the particle alone, and not on threads, on interruptions or on the order of places.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     temperature

@@ -181,6 +181,8 @@ class PowerLaw(NamedTuple):
 
     Equation 2.1 of Schreck and O'Hern (2010); exponent 2 is harmonic, 5/2 Hertzian. Any exponent of at least 1.5 keeps
     forces continuous; below 2 the stiffness diverges as contacts open.
+
+    Its numbers are checked when a `Scene` is made with it.
     """
 
     energy_scale: float = 1.0
@@ -205,7 +207,10 @@ class PowerLaw(NamedTuple):
 
 @law
 class Harmonic(NamedTuple):
-    """u = (energy_scale / 2) xi^2 with the relative overlap xi = 1 - r/sigma."""
+    """u = (energy_scale / 2) xi^2 with the relative overlap xi = 1 - r/sigma.
+
+    Its numbers are checked when a `Scene` is made with it.
+    """
 
     energy_scale: float = 1.0
 
@@ -227,7 +232,10 @@ class Harmonic(NamedTuple):
 
 @law
 class Hertz(NamedTuple):
-    """u = (2 energy_scale / 5) xi^(5/2) with the relative overlap xi = 1 - r/sigma."""
+    """u = (2 energy_scale / 5) xi^(5/2) with the relative overlap xi = 1 - r/sigma.
+
+    Its numbers are checked when a `Scene` is made with it.
+    """
 
     energy_scale: float = 1.0
 
@@ -253,6 +261,8 @@ class RepulsiveLennardJones(NamedTuple):
 
     Equation 2.2 of Schreck and O'Hern (2010), evaluated through expm1(-6 ln s), which keeps full precision near
     contact.
+
+    Its numbers are checked when a `Scene` is made with it.
     """
 
     energy_scale: float = 1.0
@@ -280,7 +290,10 @@ class RepulsiveLennardJones(NamedTuple):
 
 @law
 class LinearSpring(NamedTuple):
-    """u = (stiffness / 2) (sigma - r)^2: a spring of the same stiffness [energy/length^2] for every pair of sizes."""
+    """u = (stiffness / 2) (sigma - r)^2: a spring of the same stiffness [energy/length^2] for every pair of sizes.
+
+    Its numbers are checked when a `Scene` is made with it.
+    """
 
     stiffness: float = 1.0
 

@@ -11,7 +11,10 @@ from packmech.effects.partners import Partners
 
 @effect
 class Repulsion(NamedTuple):
-    """Touching particles repel along the line of centers by the given law."""
+    """Touching particles repel along the line of centers by the given law.
+
+    Its law is checked when a `Scene` is made with it.
+    """
 
     law: Law = Harmonic()
 

@@ -21,6 +21,8 @@ class RollingResistance(NamedTuple):
     (Powder Technol. 206 (2011) 269). On a slope below atan(coefficient) a disc or sphere does not roll, where a is its
     radius: on what is much larger than itself.
 
+    Its numbers are checked when a `Scene` is made with it.
+
     Parameters
     ----------
     coefficient
@@ -49,6 +51,8 @@ class TwistingResistance(NamedTuple):
 
     As `RollingResistance` for spins along the direction n between the centers: the twisting displacement is the
     integral of a (w_j - w_i).n, its force f turns i by a f n and j by the opposite.
+
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from packmech.calls.display import in_words
 from packmech.ensemble.statistics import (
     GroupStatistics,
     PowerLawFit,
@@ -64,7 +65,7 @@ def draw_ensemble(
             if not len(values_of(part, name)):
                 continue
             shown = histogram(values_of(part, name), bins=edges if over is None else None)
-            label = None if over is None else f"{over.rpartition('.')[2]} = {value}"
+            label = None if over is None else f"{over.rpartition('.')[2]} = {in_words(value)}"
             left.stairs(shown.density_b, shown.edge_b, color=COLORS[number % len(COLORS)], label=label)
         left.set(xlabel=name.replace("_", " "), ylabel="probability density")
         if over is not None:
@@ -77,7 +78,7 @@ def draw_ensemble(
                     linewidth=1.0, capsize=2.0, label=label or None,
                 )  # fmt: skip
                 if x.dtype.kind not in "if":
-                    right.set_xticks(np.arange(len(x)), [str(one) for one in x])
+                    right.set_xticks(np.arange(len(x)), [in_words(one) for one in x])
                 if label:
                     right.legend(fontsize=7.0)
             if fit is not None:

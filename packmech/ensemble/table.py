@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import shown
+from packmech.calls.display import in_words, shown
 from packmech.check import brief, clear_errors, did_you_mean, integer
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
@@ -178,7 +178,7 @@ class Ensemble:
         for name in self.parameters:
             values = list(dict.fromkeys(self.columns[name].tolist()))
             shown = values if len(values) <= _SHOWN else [*values[: _SHOWN - 1], "...", values[-1]]
-            lines.append(f"  {name} = {', '.join(map(str, shown))}")
+            lines.append(f"  {name} = {', '.join(map(in_words, shown))}")
         lines.append(f"  results: {', '.join(self.results) or 'none yet'}")
         return "\n".join(lines)
 

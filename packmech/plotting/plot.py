@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import value_with_error
+from packmech.calls.display import in_words, value_with_error
 from packmech.check import brief, call_fault, did_you_mean, finite_array, instance, integer, one_of
 from packmech.dynamics.ledger import EnergyLedger
 from packmech.effects import held_particles
@@ -623,13 +623,12 @@ def _draw_local_yield(found: LocalYield, ax: Any, *, direction: int | None = Non
 @_draws(Deformation)
 def _draw_deformation(run: Deformation, ax: Any, *, component: str | None = None, label: str = "") -> None:
     """Draw a component of the stress, unless named that of the largest given strain, against this strain."""
-    given, names = run.asked.end_dd, run.component_names
-    place = divmod(int(np.abs(given).argmax()), len(given))
-    places = {name: at for at, name in names.items()}
-    drawn = names[place] if component is None else one_of("component", component, tuple(places))
-    strain_t = run.strain_tdd[:, *place] if given.any() else np.arange(len(run.strain_tdd))
+    loaded, places = run.loaded_component, {name: at for at, name in run.component_names.items()}
+    drawn = loaded or "xx" if component is None else one_of("component", component, tuple(places))
+    strain_t = np.arange(len(run.strain_tdd)) if loaded is None else run.strain_tdd[:, *places[loaded]]
     ax.plot(strain_t, run.stress_tdd[:, *places[drawn]], linewidth=1.0, **_curve(ax, label))
-    ax.set(xlabel=f"strain {names[place]}" if given.any() else "row", ylabel=f"stress {drawn} {_unit(len(given))}")
+    unit = _unit(run.packing.dimension)
+    ax.set(xlabel="row" if loaded is None else f"strain {loaded}", ylabel=f"stress {drawn} {unit}")
     _finish(ax, "deformation, tension positive")
 
 
@@ -785,7 +784,7 @@ def _draw_groups(
     lines = list(dict.fromkeys(keys))
     for key in lines:
         members = np.array([one == key for one in keys])
-        words = [f"{name.rpartition('.')[2]} = {value}" for name, value in zip(others, key, strict=True)]
+        words = [f"{name.rpartition('.')[2]} = {in_words(value)}" for name, value in zip(others, key, strict=True)]
         style = _curve(ax, ", ".join([*([label] if label else []), *words]))
         style |= {"fmt": MARKERS[COLORS.index(style["color"]) % len(MARKERS)] + "-", "markersize": 4.0, "capsize": 2.0}
         x, value, error = groups.by[axis][members].astype(float), groups.value_g[members], groups.error_g[members]

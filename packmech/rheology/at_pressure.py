@@ -149,6 +149,11 @@ class PressureShear(Run):
         return {**super().to_dict(), **asked, **{name: value for name, (value, _) in means.items()}, **errors}
 
     @property
+    def flows(self) -> bool:
+        """True: the box shears on and on."""
+        return True
+
+    @property
     def title(self) -> str:
         """What the run is of, in words."""
         return f"{super().title}, sheared at constant pressure"

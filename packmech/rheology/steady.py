@@ -255,7 +255,7 @@ class FlowCurve(SeveralRuns):
             )
             for line, run in zip(self.lines(), self.runs, strict=True)
         ]
-        return Summary(title, tuple(rows), tuple(stage for run in self.runs for stage in run.stages))
+        return Summary(title, tuple(rows), tuple(stage for run in self.runs for stage in run.summary().stages))
 
     def __repr__(self) -> str:
         text = str(self.summary()).split("\n")

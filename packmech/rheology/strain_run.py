@@ -181,6 +181,11 @@ class StrainRun(Run):
         return make_table(self.columns(), self.about())
 
     @property
+    def flows(self) -> bool:
+        """True: the box strains, or a stress moves it."""
+        return True
+
+    @property
     def title(self) -> str:
         """What the run is of, in words."""
         return f"{super().title}, strained to {float(self.strain_t[-1]):.6g}"

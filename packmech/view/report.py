@@ -18,8 +18,10 @@ from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.effects import (
     Friction,
+    Gravity,
     RollingResistance,
     TwistingResistance,
+    Walls,
     acting_contacts,
     acting_friction,
     acts_on_single,
@@ -31,7 +33,7 @@ from packmech.effects import (
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in, resting_forces
+from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in, resting_forces, single_push
 from packmech.measure.counting import mean_contacts, mean_of_moving, packing_fraction
 from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
@@ -267,6 +269,7 @@ def examine(
         # made of the counts that are shown, which the verdict may have bettered
         counts = (report.numbers[name] for name in ("contacts", "rattlers", "particles"))
         report.numbers["coordination_number"] = mean_contacts(*counts)
+    report.numbers |= _excess(report.numbers)
     with _part(report, "moduli", progress):
         _moduli(report)
     if modes and not rough:
@@ -333,8 +336,33 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "energy": energy(scene) / scene.energy_scale,
         "stress": (stress_tensor(scene) / unit).tolist(),
         **counted,
+        **_supported(scene),
         "strain": strain,
         "force_residual": largest / mean if mean > 0.0 else None,
+    }
+
+
+def _supported(scene: Scene) -> dict[str, Any]:
+    """Return what particles do to walls and held particles along gravity, and their weight [force].
+
+    Nothing without gravity, nor where nothing holds them, or links do, whose tension is not counted.
+    """
+    packing, d = scene.packing, scene.packing.dimension
+    pull = sum((np.array(one[:d]) for one in scene.effects if isinstance(one, Gravity)), np.zeros(d))
+    strength = float(np.sqrt(pull @ pull))
+    held, links = held_particles(scene.effects, packing.particles), packing.links
+    held_n = np.zeros(packing.particles, dtype=bool) if held is None else held
+    tied = bool((held_n[links.i_l] != held_n[links.j_l]).any())
+    walled = any(isinstance(one, Walls) for one in scene.effects)
+    if strength == 0.0 or tied or not (walled or held_n.any()):
+        return {}
+    # what holds them has to bear their own weight, and pushes of walls, too
+    on_held = -(resting_forces(scene).reaction_nd + single_push(scene).force_nd)[held_n].sum(axis=0)
+    on_walls = wall_contacts(scene).on_walls() if walled else np.zeros(d)
+    return {
+        "force_on_held": float(on_held @ pull) / strength,
+        "force_on_walls": float(on_walls @ pull) / strength,
+        "weight": strength * float(packing.mass_n[~held_n].sum()),
     }
 
 
@@ -370,6 +398,18 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     }
 
 
+def _excess(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """Return z - z_iso; nothing where all rattle, or walls and weights make that no measure of what holds them.
+
+    z_iso is 2 / N' times the isostatic number of contacts, and with friction (d + 1) + 2 n_m / d.
+    """
+    contacts, rattlers, particles = (numbers[name] for name in ("isostatic_contacts", "rattlers", "particles"))
+    if contacts is None or rattlers == particles:
+        return {}
+    isostatic = numbers.get("isostatic_coordination", mean_contacts(contacts, rattlers, particles))
+    return {"excess_coordination": numbers["coordination_number"] - isostatic}
+
+
 def _of_moving(scene: Scene, count_n: NDArray[np.int64], rattler_n: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the coordination number of what moves, and how much is held; nothing where nothing is."""
     held = held_particles(scene.effects, scene.packing.particles)
@@ -384,7 +424,9 @@ def _counts_with_friction(scene: Scene, smooth: Mapping[str, Any]) -> dict[str, 
     kept = ~found.rattlers_n
     counted = {name: value for name, value in smooth.items() if name not in _OF_SMOOTH_CONTACTS}
     if counted["isostatic_contacts"] is not None:
-        counted["isostatic_contacts"] = math.ceil(0.5 * int(kept.sum()) * found.isostatic_coordination)
+        isostatic = found.isostatic_coordination
+        counted["isostatic_contacts"] = math.ceil(0.5 * int(kept.sum()) * isostatic)
+        counted["isostatic_coordination"] = isostatic
     held = held_particles(scene.effects, scene.packing.particles)
     numbers, named = found.to_dict(), ("coordination_number", "contacts_at_limit", "doubtful_at_limit")
     return counted | {
@@ -570,6 +612,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         *_deep_row(numbers),
         ("pressure", f"{numbers['pressure']:.6g}", unit),
         _residual(numbers["force_residual"]),
+        *_supported_row(numbers),
         _contacts_row(numbers),
         _coordination_row(numbers),
         _rattlers(numbers),
@@ -630,6 +673,18 @@ def _residual(residual: float | None) -> Row:
     return ("force residual", f"{residual:.1e}", "largest net force / mean contact force")
 
 
+def _supported_row(numbers: Mapping[str, Any]) -> list[Row]:
+    """Return what walls and held particles bear, beside the weight that they have to bear at rest."""
+    if "weight" not in numbers:
+        return []
+    held, walls = numbers["force_on_held"], numbers["force_on_walls"]
+    where = "walls" if not numbers.get("held") else "held particles"
+    if numbers.get("held") and walls:
+        where = f"held particles ({held:.6g}) and walls ({walls:.6g})"
+    note = f"on {where}, along gravity [force]; weight of the particles that are not held: {numbers['weight']:.6g}"
+    return [("force on supports", f"{held + walls:.6g}", note)]
+
+
 def _frequencies(frequencies: Sequence[float], floor: float) -> Row:
     listed = ["0" if abs(value) <= floor else f"{value:.3g}" for value in frequencies]
     note = "sqrt(energy_scale / mean mass) / diameter"
@@ -669,6 +724,8 @@ def _coordination_row(numbers: Mapping[str, Any]) -> Row:
     if numbers.get("held"):
         counted = f"that neither rattles nor is one of {numbers['held']} held"
     note = f"{which} per particle {counted}"
+    if "excess_coordination" in numbers:
+        note += f"; {numbers['excess_coordination']:+.4f} beyond the isostatic one"
     return ("coordination number", f"{numbers['coordination_number']:.4f}", note)
 
 

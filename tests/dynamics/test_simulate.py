@@ -251,3 +251,31 @@ def test_a_scene_without_links_has_none_of_their_arrays(jammed):
 def test_arguments_that_do_not_go_together_are_named(arguments, message):
     with pytest.raises((TypeError, ValueError), match=message):
         pm.simulate(pair_scene(0.9, *REPULSION), **arguments)
+
+
+def speed_words(run):
+    """Return what the report of a run says of how fast it ended."""
+    return [words for words in run.rows() if words[0] in ("velocity", "speed")]
+
+
+def test_a_falling_ball_ends_with_the_velocity_of_free_fall():
+    ball = pm.Packing([[2.0, 3.0]], [0.5], pm.Box.cubic(4.0, 2), mass_n=[3.0])
+    scene = pm.Scene(ball, (pm.Repulsion(), pm.Gravity(0.0, -2.0)))
+    run = pm.simulate(scene, duration=0.25, velocity_nd=[[0.5, 0.0]], trace_every=10)
+    ((name, value, note),) = speed_words(run)
+    assert (name, value) == ("velocity", "0.5  -0.5")
+    # m v^2 / 2
+    assert "kinetic energy 0.75 [energy]" in note
+    assert run.to_dict()["velocity"] == pytest.approx([0.5, -0.5], abs=1e-12)
+    still = pm.simulate(scene.without(pm.Gravity), duration=0.25)
+    assert not speed_words(still)
+
+
+def test_the_speed_of_several_particles_is_a_mean_over_those_that_move():
+    start = pm.Packing([[1.0, 1.0], [3.0, 3.0], [5.0, 5.0]], [0.5] * 3, pm.Box.cubic(8.0, 2))
+    scene = pm.Scene(start, (pm.Repulsion(), pm.FixedParticles((2,))))
+    run = pm.simulate(scene, duration=0.1, velocity_nd=[[0.3, 0.4], [0.0, 0.1], [0.0, 0.0]])
+    ((name, value, note),) = speed_words(run)
+    # sqrt((0.5^2 + 0.1^2) / 2)
+    assert name == "speed" and float(value) == pytest.approx(0.13**0.5, rel=1e-5)
+    assert "of the 2 that move, 0.5 the largest" in note

@@ -15,6 +15,12 @@ def square(seed, scale=1.0):
     return {"square": scale * seed**2, "half": seed / 2, "even": seed % 2 == 0, "word": f"number {seed}"}
 
 
+def pressed(pressure, seed, particles):
+    """Return what grows as the root of the pressure."""
+    grown = pressure**0.5 * (1.0 + 0.01 * seed)
+    return {"shear_modulus": grown, "bulk_modulus": grown}
+
+
 def counted(seed, log, wait=0.0):
     """Return a number that takes some time, and leave a line for every time that it is finished."""
     rng = np.random.default_rng(seed)

@@ -1,10 +1,17 @@
 """`packmech ensemble`: what its actions print and write."""
 
+import re
+
+import numpy as np
 import pytest
 from cyclopts import CycloptsError
 
 import packmech as pm
 from packmech.cli import FAILED, OK, execute
+from packmech.ensemble.folder import prepare
+from packmech.ensemble.jobs import job_table
+from packmech.ensemble.statistics import crossover_warning
+from packmech.ensemble.table import Ensemble
 
 
 def test_the_actions_say_what_came_of_members(tmp_path, job, capsys):
@@ -25,10 +32,26 @@ def test_the_actions_say_what_came_of_members(tmp_path, job, capsys):
     plot = ["ensemble", "plot", *words, "--out", str(picture), "--of", "square", "--over", "scale", "--log", "--fit"]
     assert execute(plot) == OK
     # every value is the scale times a number, so means are its first power
-    assert "x^(1.0000 +- " in capsys.readouterr().out
+    assert re.search(r"= \(3\.\d+ \+- \S+\) x\^\(1\.0\d* \+- ", capsys.readouterr().out)
     assert picture.stat().st_size > 10_000
     assert execute(["ensemble", "plot", *words, "--out", str(picture), "--of", "square", "seconds"]) == OK
     assert (tmp_path / "plot_square.png").exists() and (tmp_path / "plot_seconds.png").exists()
+
+
+def test_tables_and_pictures_write_parameters_with_six_digits_at_most(tmp_path, job, called, capsys):
+    folder, picture = tmp_path / "out", tmp_path / "plot.svg"
+    grid = {"scale": np.geomspace(1.0, 10.0, 4) / 3.0, "seed": range(2)}
+    found = pm.run_ensemble(called("square"), grid, folder, workers=0)
+    longest = max(map(str, found["scale"]), key=len)
+    assert len(longest) > 15
+    words = ["--folder", str(folder), "--of", "square"]
+    assert execute(["ensemble", "table", *words, "--out", str(tmp_path / "table.csv")]) == OK
+    with pm.view.figures.matplotlib_parts().rc_context({"svg.fonttype": "none"}):
+        assert execute(["ensemble", "plot", *words, "--out", str(picture), "--fit"]) == OK
+    drawn = pm.plot(pm.group_statistics(found, "square", ["seed", "scale"])).get_legend_handles_labels()[1]
+    short = f"{float(longest):.6g}"
+    for text in (capsys.readouterr().out, picture.read_text(), repr(found), " ".join(drawn)):
+        assert short in text and longest[:9] not in text
 
 
 def test_failures_are_listed_and_make_the_exit_code(tmp_path, job, capsys):
@@ -65,6 +88,62 @@ def test_wrong_words_are_refused(tmp_path, words, message):
         return
     with pytest.raises((ValueError, FileNotFoundError, CycloptsError), match=message):
         execute(["ensemble", *words, "--folder", str(tmp_path / "out")])
+
+
+def test_the_excess_coordination_can_be_asked_for(tmp_path, capsys):
+    (tmp_path / "small.toml").write_text(
+        '[packing]\nkind = "random"\nparticles = 16\ndimension = 2\npacking_fraction = 0.9\nseed = 3\n'
+        '[[effects]]\nkind = "repulsion"\nlaw = "harmonic"\n[drive]\nkind = "jam"\npressure = 1e-3\n'
+    )
+    words = ["--folder", str(tmp_path / "out"), "--workers", "0"]
+    assert execute(["ensemble", f"{tmp_path}/small.toml", "--seeds", "0:2", *words]) == OK
+    found = pm.read_ensemble(tmp_path / "out")
+    held = found["particles"] - found["rattlers"]
+    np.testing.assert_allclose(found["excess_coordination"], 2.0 * found["excess_contacts"] / held, atol=1e-12)
+    capsys.readouterr()
+    assert execute(["ensemble", "table", *words[:2], "--of", "excess_coordination"]) == OK
+    assert "excess coordination" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("result", "particles", "warned"),
+    [("shear_modulus", 100, "N^2 P is 0.01 "), ("shear_modulus", 10_000, ""), ("bulk_modulus", 100, "")],
+)
+def test_a_power_law_over_pressures_of_the_finite_size_plateau_is_warned_of(
+    tmp_path, job, result, particles, warned, capsys
+):
+    """N^2 P is 0.01 at the lowest pressure of 100 discs, and 100 of ten thousand; bulk moduli have no plateau."""
+    folder = ["--folder", str(tmp_path / "out")]
+    grid = ["--grid", "pressure=1e-6:1e-2:5:log", f"particles={particles}"]
+    assert execute(["ensemble", job("pressed"), "--seeds", "0:2", "--workers", "0", *grid, *folder]) == OK
+    capsys.readouterr()
+    assert execute(["ensemble", "plot", "--of", result, "--over", "pressure", "--fit", *folder]) == OK
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning")]
+    assert [warned in line for line in lines] == ([True] if warned else [])
+    assert execute(["ensemble", "plot", "--of", result, "--over", "pressure", *folder]) == OK
+    assert "warning" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("effects", "least"),
+    [
+        ('[[effects]]\nkind = "repulsion"\nlaw = "harmonic"\n', "0.0016 "),
+        # overlaps, which P over the stiffness is, grow as P^(2/3)
+        ('[[effects]]\nkind = "repulsion"\nlaw = "hertz"\n', "0.16 "),
+        ('[[effects]]\nkind = "repulsion"\nlaw = "harmonic"\n[[effects]]\nkind = "friction"\n', ""),
+    ],
+)
+def test_the_plateau_is_told_by_the_stiffness_of_contacts(tmp_path, effects, least):
+    (tmp_path / "small.toml").write_text(
+        '[packing]\nkind = "random"\nparticles = 40\ndimension = 2\npacking_fraction = 0.5\nseed = 3\n'
+        f'{effects}[drive]\nkind = "jam"\npressure = 1e-6\n'
+    )
+    folder = tmp_path / "out"
+    prepare(folder, job_table(f"{tmp_path}/small.toml"))
+    columns = {"drive.pressure": np.array([1e-6, 1e-5]), "particles": np.array([40, 40])}
+    found = Ensemble(folder, (), {**columns, "state": np.array(["done", "done"])})
+    words = crossover_warning(found, "excess_coordination", "drive.pressure")
+    assert f"N^2 P is {least}" in words if least else words == ""
 
 
 @pytest.mark.parametrize(("letter", "name"), [("z", "coordination_number"), ("phi_J", "jamming_packing_fraction")])

@@ -89,6 +89,17 @@ def test_strains_on_the_diagonal_are_logarithms_of_lengths(dimension):
     assert run.stress_tdd[:, 0, 0] == pytest.approx(-1.2e-2, rel=1e-8)
 
 
+def test_the_repr_says_first_which_component_was_loaded_and_how_far():
+    scene = soft(3)
+    held = {name: float(pm.stress_tensor(scene)[at, at]) for at, name in ((0, "xx"), (1, "yy"))}
+    run = pm.deform(scene, strain={"zz": -2e-4, "xy": 1e-4}, stress=held, steps=1)
+    stress = run.stress_tdd[-1, 2, 2]
+    assert run.loaded_component == "zz"
+    words = f"loaded: zz strain -0.0002, stress {stress:.6g} [1], [energy/length^3]; a strain of -0.0002 was asked for"
+    assert repr(run).splitlines()[1].split() == words.split()
+    assert pm.deform(scene, stress=held).loaded_component is None
+
+
 def test_in_time_slow_strains_lead_where_those_at_rest_do():
     bare = soft()
     scene = bare.replace(effects=(*bare.effects, pm.ContactDamping(0.5)))
@@ -101,6 +112,8 @@ def test_in_time_slow_strains_lead_where_those_at_rest_do():
         assert np.log(run.packing.box.lattice_dd[1, 1] / bare.packing.box.lattice_dd[1, 1]) == pytest.approx(-1e-3)
         off.append(run.stress_tdd[-1, 1, 1] - still.stress_tdd[-1, 1, 1])
         assert run.strain_tdd[-1, 0, 0] == pytest.approx(still.strain_tdd[-1, 0, 0], rel=0.05)
+    # only what is at rest says how well its forces balance
+    assert [any(name == "force residual" for name, *_ in one.rows()) for one in (still, run)] == [True, False]
     grown = still.stress_tdd[-1, 1, 1] - still.stress_tdd[0, 1, 1]
     assert abs(off[1]) < 0.6 * abs(off[0]) < 0.05 * abs(grown)
 

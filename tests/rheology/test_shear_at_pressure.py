@@ -36,6 +36,15 @@ def test_the_mean_pressure_is_the_one_asked_for(flow):
     assert error < 0.1 * run.pressure
 
 
+def test_the_residual_of_a_flow_is_said_to_be_no_failure_to_balance(flow):
+    """Grains that collide are accelerated: the largest net force is of the order of contact forces."""
+    _, run = flow
+    assert run.flows and run.residual > 0.1
+    assert "residual" not in repr(run).splitlines()[0]
+    assert run.summary().stages[-1].note == "residual: unbalanced force, of a flow not expected to vanish"
+    assert "residual" not in str(pm.NotConverged(run))
+
+
 def test_inertial_number_is_the_rate_in_units_of_the_pressure_that_was_measured(flow):
     scene, run = flow
     mean, error = run.mean(run.pressure_t)

@@ -180,6 +180,12 @@ def test_a_pile_has_no_rattlers_and_no_isostatic_count():
     assert numbers["isostatic_contacts"] is None
     assert numbers["wall_contacts"] == len(pm.wall_contacts(scene)) > 0
     assert numbers["contacts"] == len(pm.find_contacts(scene.packing))
+    # at rest the floor bears the weight
+    weight = 1e-3 * scene.packing.mass_n.sum()
+    assert numbers["weight"] == pytest.approx(weight, rel=1e-12)
+    assert numbers["force_on_walls"] == pytest.approx(weight, rel=1e-6) and numbers["force_on_held"] == 0.0
+    words = row(result_rows(numbers, {}), "force on supports")
+    assert words[1] == f"{numbers['force_on_walls']:.6g}" and "on walls" in words[2]
 
 
 def test_the_coordination_number_on_a_held_floor_is_that_of_what_moves():
@@ -193,6 +199,13 @@ def test_the_coordination_number_on_a_held_floor_is_that_of_what_moves():
     assert report.numbers["coordination_number"] == 2.0 and report.numbers["held"] == 6
     words = row(result_rows(report.numbers, report.missing), "coordination number")[2]
     assert "neither rattles nor is one of 6 held" in words
+    # of three discs: what holds the six bears their own weight beside it
+    weight = 1e-3 * scene.packing.mass_n[6:].sum()
+    assert report.numbers["weight"] == pytest.approx(weight, rel=1e-12)
+    assert report.numbers["force_on_held"] == pytest.approx(weight, rel=1e-6)
+    assert "on held particles," in row(result_rows(report.numbers, {}), "force on supports")[2]
+    lifted = examine(scene.without(pm.Gravity), modes=0, verdict=False)
+    assert "force on supports" not in [name for name, *_ in result_rows(lifted.numbers, {})]
     rough = pm.contact_forces(scene.replace(effects=(*effects, pm.Friction(0.5))))
     assert rough.coordination_number == 2.0
     # the floor bears the weight of all nine
@@ -210,6 +223,27 @@ def test_the_report_of_a_crystal_has_six_contacts_per_particle_and_both_isostati
     free = examine(crystal(), modes=0, strain="free")
     assert free.numbers["isostatic_contacts"] == 33
     assert "33 = 2N'+1, strain free (31 with strain isotropic)" in row(result_rows(free.numbers, {}), "contacts")[2]
+
+
+def test_the_excess_coordination_is_two_excess_contacts_per_particle_that_is_held():
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.9, seed=1)
+    scene = pm.Scene(start, HARMONIC)
+    run = pm.jam(scene, pressure=1e-3)
+    numbers = examine(scene.replace(packing=run.packing), strain="free", modes=0).numbers
+    held = numbers["particles"] - numbers["rattlers"]
+    assert run.report["excess_contacts"] > 0
+    assert numbers["excess_coordination"] == pytest.approx(2.0 * run.report["excess_contacts"] / held, abs=1e-12)
+    # nobody is held: there is no number from which it could differ
+    assert "excess_coordination" not in examine(crystal(relative_overlap=-0.1), modes=0).numbers
+
+
+def test_the_excess_coordination_with_friction_is_beyond_three_in_the_plane():
+    """No contact of a crystal of equal overlaps bears a tangential force, so z_iso = d + 1 = 3 of z = 6."""
+    scene = crystal().replace(effects=(*HARMONIC, pm.Friction(0.5)))
+    report = examine(scene, modes=0)
+    assert report.numbers["isostatic_coordination"] == 3.0
+    assert report.numbers["excess_coordination"] == 3.0
+    assert "+3.0000 beyond" in row(result_rows(report.numbers, {}), "coordination number")[2]
 
 
 @pytest.mark.parametrize(("overlap", "deep"), [(0.4, False), (0.6, True)])
