@@ -68,8 +68,10 @@ from packmech.effects import Friction as Friction
 from packmech.effects import Mindlin as Mindlin
 from packmech.effects import DampingRatio as DampingRatio
 from packmech.effects.materials import Material as Material
+from packmech.effects import ConstantRolling as ConstantRolling
 from packmech.effects import RollingResistance as RollingResistance
 from packmech.effects import TwistingResistance as TwistingResistance
+from packmech.effects import ViscousRolling as ViscousRolling
 from packmech.effects import ShortRangeAttraction as ShortRangeAttraction
 from packmech.effects import DMT as DMT
 from packmech.effects import JKR as JKR

@@ -20,7 +20,6 @@ from packmech.effects import (
     Friction,
     Mindlin,
     Repulsion,
-    RollingResistance,
     TwistingResistance,
     Walls,
     bonds_of,
@@ -742,7 +741,7 @@ class Scene:
                 continue
             _check_numbers(f"effects[{k}]", one)
         object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
-        for kind in (Friction, Bonds, RollingResistance, TwistingResistance):
+        for kind in (Friction, Bonds, TwistingResistance):
             number = sum(isinstance(one, kind) for one in self.effects)
             if number > 1:
                 raise ValueError(f"effects must hold one {kind.__name__} at most, got {number}")

@@ -27,9 +27,9 @@ STRAINED, ANY_LENGTH = 1e-2, float("inf")
 # columns of the table, and what a scene holds that belongs to each
 COLUMNS = {
     "repulsion": "pair potentials, such as Repulsion",
-    "damping": "dashpots of contacts, such as ContactDamping",
+    "damping": "dashpots of contacts, such as ContactDamping, ConstantRolling and ViscousRolling",
     "friction": "tangential forces of contacts, such as Friction",
-    "rolling": "resistance of contacts to rolling and twisting, such as RollingResistance",
+    "rolling": "springs of contacts against rolling and twisting, such as RollingResistance",
     "bonds": "springs between named particles: Bonds",
     "interactions": "forces of a range of their own between centers, and torques between directions",
     "gravity": "potentials of single particles, such as Gravity",

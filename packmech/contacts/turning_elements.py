@@ -26,7 +26,7 @@ def turning_elements(
     radius_n: NDArray[np.float64],
     rolling_cd: NDArray[np.float64],
     twisting_c: NDArray[np.float64],
-    stiffness: tuple[float, float],
+    stiffness: tuple[float | NDArray[np.float64], float | NDArray[np.float64]],
     kind: Kind = "exact",
 ) -> Elements:
     """Return what resists rolling and twisting at contacts as elements.
@@ -40,7 +40,8 @@ def turning_elements(
     rolling_cd, twisting_c
         (C, d) forces F and (C,) forces f of their springs, as of `TurningForces` [force].
     stiffness
-        Of the springs against rolling and twisting; with rates in place of displacements dashpots [force/length].
+        Of the springs against rolling and twisting, numbers or (C,); with rates in place of displacements dashpots
+        [force/length].
     kind
         "exact", or "unstressed": what forces add where contacts turn is left out.
 
@@ -58,14 +59,15 @@ def turning_elements(
     share = one * other / (one + other) ** 2
     arm = share * np.sqrt((pairs.vector_cd**2).sum(axis=1))
     across = np.eye(d) - n[:, :, None] * n[:, None]
+    rolling, twisting = (np.broadcast_to(one, len(n)) for one in stiffness)
     slopes = np.zeros((len(n), d + 2 * t))
     change = np.zeros((len(n), t, d + 2 * t))
     if d == 2:
         moment = (n[:, 0] * rolling_cd[:, 1] - n[:, 1] * rolling_cd[:, 0])[:, None]
-        spring = np.full((len(n), 1, 1), stiffness[0])
+        spring = rolling[:, None, None]
     else:
         moment = np.cross(n, rolling_cd) + twisting_c[:, None] * n
-        spring = stiffness[0] * across + stiffness[1] * n[:, :, None] * n[:, None]
+        spring = rolling[:, None, None] * across + twisting[:, None, None] * n[:, :, None] * n[:, None]
     # the stiffness against w = q - p
     change[:, :, of_j] = (arm * arm)[:, None, None] * spring
     change[:, :, of_i] = -change[:, :, of_j]

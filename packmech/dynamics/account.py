@@ -47,6 +47,7 @@ from packmech.dynamics.friction import (
     follow_stiffness,
     resist_rolling,
     resist_twisting,
+    rolling_columns,
     sliding_columns,
     spring_columns,
     stretch_of_force,
@@ -59,7 +60,7 @@ from packmech.dynamics.friction import (
 from packmech.dynamics.stretches import inner_stretches
 from packmech.dynamics.threads import is_first, wait
 from packmech.dynamics.wall_friction import RoughWalls, slipping_at_wall, visit_wall, walk_walls
-from packmech.effects import Mindlin, RoughContacts, Walls, pair_first, spin_drag
+from packmech.effects import ConstantRolling, Mindlin, RoughContacts, ViscousRolling, Walls, pair_first, spin_drag
 from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
 from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
@@ -276,6 +277,15 @@ def _account_rolling(one, visiting, laws, pair, spring, slip, turns, normal):
 
 
 @inlined
+def _account_rolling_dashpot(one, visiting, laws, pair, spring, slip, turns, normal):
+    across = resist_rolling(one, laws.axes, spring, turns.roll, normal, laws.pace)
+    x, y, z = torque_of_rolling(across, turns.arm, slip)
+    late, early = _taken(visiting, laws, pair, _NOTHING, (x, y, z), (-x, -y, -z))
+    _add(visiting, ROLLED, late, early)
+    return late + early
+
+
+@inlined
 def _account_twisting(one, visiting, laws, pair, spring, slip, turns, normal):
     axes, twist = laws.axes, turns.twist
     across = resist_twisting(one, axes, spring, twist, normal, laws.pace)
@@ -288,7 +298,10 @@ def _account_twisting(one, visiting, laws, pair, spring, slip, turns, normal):
     return _share_out(visiting, (0, 1), one, twist, whole, part, across, elastic, (TWISTING, TWISTED, TWISTED))
 
 
-_rolling = by_type(_account_rolling, {type(None): _no_resistance})
+_rolling = by_type(
+    _account_rolling,
+    {type(None): _no_resistance, ConstantRolling: _account_rolling_dashpot, ViscousRolling: _account_rolling_dashpot},
+)
 _twisting = by_type(_account_twisting, {type(None): _no_resistance})
 
 
@@ -351,7 +364,7 @@ def _account_roughness(rough, visiting, laws, pair, slipping, spring, normal):
     # columns as where the forces are taken
     column += len(sliding_columns(rough.friction, axes))
     lost += _rolling(rough.rolling, visiting, laws, pair, Spring(stretch, p, column), slip, turns, normal)
-    column += len(turning_axes(rough.rolling, axes))
+    column += len(rolling_columns(rough.rolling, axes))
     return lost + _twisting(rough.twisting, visiting, laws, pair, Spring(stretch, p, column), slip, turns, normal)
 
 
@@ -387,7 +400,7 @@ def _release(one, visiting, axes, spring, stored, slid):
     _add(visiting, slid, energy, 0.0)
 
 
-_release_spring = by_type(_release, {type(None): _no_spring})
+_release_spring = by_type(_release, {type(None): _no_spring, ConstantRolling: _no_spring, ViscousRolling: _no_spring})
 
 
 @inlined
@@ -401,7 +414,7 @@ def _release_roughness(rough, visiting, axes, spring):
     _release_spring(rough.friction, visiting, axes, spring, TANGENTIAL, SLIDING)
     column += len(sliding_columns(rough.friction, axes))
     _release_spring(rough.rolling, visiting, axes, Spring(stretch, p, column), ROLLING, ROLLED)
-    column += len(turning_axes(rough.rolling, axes))
+    column += len(rolling_columns(rough.rolling, axes))
     # one number, as the slip of a plane
     _release_spring(rough.twisting, visiting, (0, 1), Spring(stretch, p, column), TWISTING, TWISTED)
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from packmech.dynamics.by_shape import touch_of_rows, touches_of
 from packmech.dynamics.contact_forces import laws_of, pull_of_touch, spring_of
-from packmech.dynamics.friction import sliding_columns, turning_axes
-from packmech.effects import RoughContacts, memory_columns
+from packmech.dynamics.friction import rolling_columns, sliding_columns
+from packmech.effects import RollingResistance, RoughContacts, TwistingResistance, memory_columns
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
@@ -76,21 +76,23 @@ def _write_no_stretch(friction, axes, stretch_pk, p, k, pull):
 def _write_rough(rough, axes, stretch_pk, p, k, pull):
     _write_stretch(axes, stretch_pk, p, k, pull.across)
     k += len(sliding_columns(rough.friction, axes))
-    _write_turning(pull.turning.rolling, axes, stretch_pk, p, k)
-    _write_turning(pull.turning.twisting, (0, 1), stretch_pk, p, k + len(turning_axes(rough.rolling, axes)))
+    _write_turning(rough.rolling, pull.turning.rolling, axes, stretch_pk, p, k)
+    k += len(rolling_columns(rough.rolling, axes))
+    _write_turning(rough.twisting, pull.turning.twisting, (0, 1), stretch_pk, p, k)
 
 
 @inlined
-def _write_nothing(across, axes, stretch_pk, p, k):
+def _write_nothing(resistance, across, axes, stretch_pk, p, k):
     return None
 
 
 @inlined
-def _write_across(across, axes, stretch_pk, p, k):
+def _write_across(resistance, across, axes, stretch_pk, p, k):
     _write_stretch(axes, stretch_pk, p, k, across)
 
 
-_write_turning = by_type(_write_across, {type(None): _write_nothing})
+# of what has a spring
+_write_turning = by_type(_write_nothing, {RollingResistance: _write_across, TwistingResistance: _write_across})
 # writes the displacements of the springs of a contact, from what its pull says of them, from a first column on
 write_springs = by_type(_write_sliding, {RoughContacts: _write_rough, type(None): _write_no_stretch})
 

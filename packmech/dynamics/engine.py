@@ -527,7 +527,8 @@ class Engine:
         """Return the displacements of the contacts' springs now; None where all are slack."""
         friction = self.acting.friction
         memory = self._memory
-        if self.track is None or not (memory or any(one.coefficient for one in resistances(friction))):
+        springs = any(one.coefficient and one.stiffness for one in resistances(friction))
+        if self.track is None or not (memory or springs):
             return None
         now = record_contacts(self.system, self.now).stretch_pk
         # a run that went astray has nothing to hand on
@@ -538,9 +539,9 @@ class Engine:
         i, j = self.order_n[held.i_c], self.order_n[held.j_c]
         image = held.image_cd[:, : len(self.axes)] @ self.change_dd.T - self.wrap_nd[j] + self.wrap_nd[i]
         bead = held.bead_c2 if self.scene.packing.shapes.has_beads else None
-        springs = self._spring_columns - memory
-        sliding, rolling, twisting = split_columns(friction, self.axes, held.stretch_ck[:, :springs])
-        numbers = held.stretch_ck[:, springs:] if memory else None
+        columns = self._spring_columns - memory
+        sliding, rolling, twisting = split_columns(friction, self.axes, held.stretch_ck[:, :columns])
+        numbers = held.stretch_ck[:, columns:] if memory else None
         return TangentialDisplacements(i, j, image, sliding, bead, rolling, twisting, numbers)
 
     def packing(self) -> Packing:

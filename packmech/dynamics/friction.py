@@ -19,11 +19,17 @@ from typing import Any, NamedTuple
 from numba import types
 
 from packmech.effects import (
+    ConstantRolling,
     Friction,
     Mindlin,
+    RollingResistance,
     RoughContacts,
+    TwistingResistance,
+    ViscousRolling,
     at_contact,
+    at_normal_force,
     bonds_of,
+    cap_force,
     friction_or_zero,
     is_bound,
     pair_damping,
@@ -31,8 +37,8 @@ from packmech.effects import (
     rough_walls,
     roughness_of,
 )
-from packmech.effects.pair import at_overlap, hook_of
-from packmech.effects.partners import pairs_of_sizes
+from packmech.effects.pair import TouchingPair, at_overlap, hook_of
+from packmech.effects.partners import Partners, pairs_of_sizes
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -376,13 +382,42 @@ def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float
     """
     if all(isinstance(one, float) for one in friction):
         return [friction]
-    size_n = scene.packing.shapes.site_radius(scene.packing.radius_n)
-    pairs, found = [one for one in scene.effects if not is_bound(one)], []
-    for partners in pairs_of_sizes(size_n):
-        for overlap in _OVERLAPS:
-            touch = at_overlap(pairs, overlap, partners, 0.5 * smallest_mass)
-            found.append(at_contact(friction, touch.second, sum(pair_damping(one, touch) for one in pairs)))
+    pairs = _of_pairs(scene)
+    return [
+        at_contact(friction, touch.second, sum(pair_damping(one, touch) for one in pairs))
+        for touch in _touches(scene, smallest_mass)
+    ]
+
+
+def resistance_at_contacts(
+    scene: Scene, resistance: Any, smallest_mass: float
+) -> list[RollingResistance | TwistingResistance]:
+    """Return what resists rolling or twisting as it is (`at_normal_force`) at the contacts of `frictions_at_contacts`.
+
+    The same for all where it does not depend on the normal force.
+    """
+    if not isinstance(resistance, ViscousRolling):
+        return [at_normal_force(resistance, 0.0)]
+    pairs, found = _of_pairs(scene), []
+    for touch in _touches(scene, smallest_mass):
+        partners = Partners(touch.contact_distance, touch.effective_radius)
+        normal = abs(touch.first) + sum(cap_force(one, touch.distance, partners) for one in pairs)
+        found.append(at_normal_force(resistance, max(normal, 0.0)))
     return found
+
+
+def _of_pairs(scene: Scene) -> list[Any]:
+    return [one for one in scene.effects if not is_bound(one)]
+
+
+def _touches(scene: Scene, smallest_mass: float) -> list[TouchingPair]:
+    """Return contacts of the smallest, mean and largest particles, barely and deep."""
+    size_n = scene.packing.shapes.site_radius(scene.packing.radius_n)
+    return [
+        at_overlap(_of_pairs(scene), overlap, partners, 0.5 * smallest_mass)
+        for partners in pairs_of_sizes(size_n)
+        for overlap in _OVERLAPS
+    ]
 
 
 def resistances_at_walls(scene: Scene, smallest_mass: float) -> list[Any]:
@@ -408,7 +443,9 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
     """
     friction, bonds = friction_or_zero(scene.effects), bonds_of(scene.effects)
     springs = [(one.stiffness, one.damping) for one in frictions_at_contacts(scene, friction, smallest_mass)]
-    springs += [(one.stiffness, one.damping) for one in resistances(roughness_of(scene.effects))[1:]]
+    for resistance in resistances(roughness_of(scene.effects))[1:]:
+        there = resistance_at_contacts(scene, resistance, smallest_mass)
+        springs += [(one.stiffness, one.damping) for one in there]
     springs += [(one.stiffness, one.damping) for one in resistances_at_walls(scene, smallest_mass)]
     if bonds is not None:
         springs.append((bonds.tangential_stiffness, bonds.tangential_damping))
@@ -428,6 +465,19 @@ def _choose_uncapped_force(friction: Any, stretch: Any, slip: Any) -> Any:
     if function is None:
         return None
     return lambda friction, stretch, slip: function(friction, stretch, slip)
+
+
+def rolling_dashpot(rolling: Any, speed: float, normal: float) -> float:
+    """Return the force of a resistance without a spring over the rolling velocity [mass/time]."""
+    return float(rolling.rolling_dashpot(speed, normal))
+
+
+@compiled_form(rolling_dashpot)
+def _choose_rolling_dashpot(rolling: Any, speed: Any, normal: Any) -> Any:
+    function = hook_of(rolling, "rolling_dashpot")
+    if function is None:
+        return None
+    return lambda rolling, speed, normal: function(rolling, speed, normal)
 
 
 def turning_axes(friction: Any, axes: Any) -> Any:
@@ -511,12 +561,18 @@ def _choose_sliding_columns(friction: Any, axes: Any) -> Any:
     return lambda friction, axes: columns
 
 
+# a tuple as long as what resistance to rolling keeps of one touch: nothing where it has no spring
+rolling_columns = by_type(
+    lambda rolling, axes: (), {RollingResistance: lambda rolling, axes: turning_axes(rolling, axes)}
+)
+
+
 def spring_columns(friction: Any, axes: Any) -> Any:
     """Return a tuple as long as a row of stretches of one touch is: sliding, rolling, then twisting; empty without."""
     if not isinstance(friction, RoughContacts):
         return sliding_columns(friction, axes)
-    sliding, numbers = len(sliding_columns(friction.friction, axes)), len(turning_axes(friction, axes))
-    return tuple(range(sliding + numbers * (friction.rolling is not None) + (friction.twisting is not None)))
+    sliding, rolling = len(sliding_columns(friction.friction, axes)), len(rolling_columns(friction.rolling, axes))
+    return tuple(range(sliding + rolling + (friction.twisting is not None)))
 
 
 @compiled_form(spring_columns)
@@ -524,7 +580,8 @@ def _choose_spring_columns(friction: Any, axes: Any) -> Any:
     if getattr(friction, "instance_class", None) is not RoughContacts:
         return lambda friction, axes: sliding_columns(friction, axes)
     kept = getattr(friction.types[0].types[1], "instance_class", None) is Mindlin
-    rolling, twisting = (not isinstance(one, types.NoneType) for one in friction.types[1:])
+    rolling = getattr(friction.types[1], "instance_class", None) is RollingResistance
+    twisting = not isinstance(friction.types[2], types.NoneType)
     columns = tuple(range((3 if len(axes) == 3 else 1) * (1 + rolling) + twisting + kept))
     return lambda friction, axes: columns
 
@@ -554,13 +611,23 @@ def _rolling_at(rolling, axes, spring, slip, normal, pace):
 
 
 @inlined
+def _rolling_damped(rolling, axes, spring, slip, normal, pace):
+    sx, sy, sz = slip.sx, slip.sy, slip.sz
+    speed = abs(sx) if len(axes) == 2 else math.sqrt(sx * sx + sy * sy + sz * sz)
+    c = rolling_dashpot(rolling, speed, normal)
+    return across_contact(axes, slip, (c * sx, c * sy, c * sz), 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
 def _twisting_at(twisting, axes, spring, slip, normal, pace):
     # one number, as the slip of a plane
     return _friction_in_plane(twisting, (0, 1), spring, slip, normal, pace)
 
 
 # what resists rolling or twisting by a slip of its own; None where a scene lacks it
-resist_rolling = by_type(_rolling_at, {type(None): _no_resistance})
+resist_rolling = by_type(
+    _rolling_at, {type(None): _no_resistance, ConstantRolling: _rolling_damped, ViscousRolling: _rolling_damped}
+)
 resist_twisting = by_type(_twisting_at, {type(None): _no_resistance})
 
 
@@ -640,7 +707,7 @@ def _resist_all(rough, axes, here, slip, turns, spring, normal, pace):
     stretch, p, column = spring
     column += len(sliding_columns(rough.friction, axes))
     rolling = resist_rolling(rough.rolling, axes, Spring(stretch, p, column), turns.roll, normal, pace)
-    column += len(turning_axes(rough.rolling, axes))
+    column += len(rolling_columns(rough.rolling, axes))
     twisting = resist_twisting(rough.twisting, axes, Spring(stretch, p, column), turns.twist, normal, pace)
     rx, ry, rz = torque_of_rolling(rolling, turns.arm, slip)
     tx, ty, tz = torque_of_twisting(twisting, turns.arm, slip)
@@ -665,8 +732,8 @@ def _energy(resistance, across):
     return 0.5 * resistance.stiffness * (across.x * across.x + across.y * across.y + across.z * across.z)
 
 
-# the energy of a spring from what `Across` says of it; 0 without
-_spring_energy = by_type(_energy, {type(None): _no_energy})
+# the energy of a spring from what `Across` says of it; 0 where there is none
+_spring_energy = by_type(_energy, {type(None): _no_energy, ConstantRolling: _no_energy, ViscousRolling: _no_energy})
 
 
 @inlined

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, particle_mask, positive
-from packmech.dynamics.friction import frictions_at_contacts, stiffening
+from packmech.dynamics.friction import frictions_at_contacts, resistance_at_contacts, stiffening
 from packmech.effects import (
     Bonds,
     Friction,
     Langevin,
-    RollingResistance,
+    Rolling,
     TwistingResistance,
     Walls,
     interaction_law,
@@ -168,9 +168,10 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             there = frictions_at_contacts(scene, one, smallest)
             stiff += [turned * each.stiffness for each in there]
             damped += [turned * each.damping for each in there]
-        elif isinstance(one, RollingResistance | TwistingResistance):
-            stiff.append(turned * one.stiffness)
-            damped.append(turned * one.damping)
+        elif isinstance(one, Rolling | TwistingResistance):
+            rolling = resistance_at_contacts(scene, one, smallest)
+            stiff += [turned * each.stiffness for each in rolling]
+            damped += [turned * each.damping for each in rolling]
         elif isinstance(one, Bonds) and len(one):
             for rest in (float(one.rest_length_b.min()), float(one.rest_length_b.max())):
                 pair = equal_partners(rest)

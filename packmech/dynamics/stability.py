@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.dynamics.friction import frictions_at_contacts, resistances_at_walls, stiffening
+from packmech.dynamics.friction import frictions_at_contacts, resistance_at_contacts, resistances_at_walls, stiffening
 from packmech.effects import (
     BackgroundDamping,
     Friction,
@@ -85,7 +85,9 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
             # the square of the shortest reduced arm over r, over each moment of inertia
             radius_n = packing.radius_n
             arm = float(radius_n.min() / (radius_n.min() + radius_n.max()))
-            rolling = one.stiffness, one.damping, arm**2 * (turned - 1.0) * pair
+            there = resistance_at_contacts(scene, one, 2.0 / pair)
+            stuck = min(each.stiffness for each in there), min(each.damping for each in there)
+            rolling = *stuck, arm**2 * (turned - 1.0) * pair
             found.append(LoneMotion("the resistance of a contact to rolling or twisting", *rolling, True))
     lightest = float(free_n.max())
     at_walls = [] if packing.links else resistances_at_walls(scene, 1.0 / lightest)

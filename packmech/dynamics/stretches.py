@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.dynamics.friction import sliding_columns, spring_columns, turning_axes
-from packmech.effects import RoughContacts
+from packmech.effects import RollingResistance, RoughContacts
 from packmech.jit.compiled import device
 from packmech.minimize.passes.pair_list import PairList, Track, listed_pairs
 from packmech.tangential import TangentialDisplacements
@@ -111,7 +111,7 @@ def split_columns(
     if not isinstance(friction, RoughContacts):
         return stretch_ck[:, :sliding], None, None
     first = len(sliding_columns(friction.friction, axes))
-    rolling = None if friction.rolling is None else stretch_ck[:, first : first + sliding]
+    rolling = stretch_ck[:, first : first + sliding] if isinstance(friction.rolling, RollingResistance) else None
     return stretch_ck[:, :sliding], rolling, None if friction.twisting is None else stretch_ck[:, -1]
 
 

@@ -29,10 +29,12 @@ from packmech.dynamics.friction import (
 )
 from packmech.effects import (
     SIDES,
+    ConstantRolling,
     DampingRatio,
     Friction,
     Mindlin,
     RoughContacts,
+    ViscousRolling,
     Walls,
     law_energy,
     law_first,
@@ -233,7 +235,9 @@ def _held_at_cap(one, normal):
 
 
 # what a spring can hold at its cap
-_held = by_type(_held_at_cap, {type(None): _nothing_held})
+_held = by_type(
+    _held_at_cap, {type(None): _nothing_held, ConstantRolling: _nothing_held, ViscousRolling: _nothing_held}
+)
 
 
 @inlined

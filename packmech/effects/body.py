@@ -12,14 +12,29 @@ from packmech.effects.friction import Friction, Mindlin, at_contact
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
 from packmech.effects.pair import TouchingPair, effect, hook_of, pair_damping
 from packmech.effects.partners import equal_partners
-from packmech.effects.rolling import RollingResistance, RoughContacts, TwistingResistance, resistances, roughness_of
+from packmech.effects.rolling import (
+    ConstantRolling,
+    Rolling,
+    RollingResistance,
+    RoughContacts,
+    TwistingResistance,
+    ViscousRolling,
+    at_normal_force,
+    resistances,
+    roughness_of,
+    springs_of,
+)
 from packmech.jit.compiled import compiled_form, device
 from packmech.packing import Packing
 
 # of each `Walls`, low and high
 SIDES = 2
 # what acts across contacts, by the names that walls give it
-ROUGHNESS: dict[str, type] = {"friction": Friction, "rolling": RollingResistance, "twisting": TwistingResistance}
+ROUGHNESS: dict[str, tuple[type, ...]] = {
+    "friction": (Friction,),
+    "rolling": (RollingResistance, ConstantRolling, ViscousRolling),
+    "twisting": (TwistingResistance,),
+}
 # relative overlaps at which what walls do is looked up
 _BARELY, _OVERLAP = 1e-9, 0.1
 
@@ -147,7 +162,8 @@ class Walls(NamedTuple):
     friction
         `Friction` of the walls, in scene files { kind = "friction", coefficient = 0.3 }; none unless given.
     rolling, twisting
-        `RollingResistance` and `TwistingResistance` of the walls, tables of these kinds; none unless given.
+        `RollingResistance`, `ConstantRolling` or `ViscousRolling`, and `TwistingResistance` of the walls, tables of
+        these kinds; none unless given.
 
     """
 
@@ -157,7 +173,7 @@ class Walls(NamedTuple):
     law: Law = LinearSpring()
     damping: float | ContactDamping | Restitution | ViscoelasticDamping = 0.0
     friction: Friction | None = None
-    rolling: RollingResistance | None = None
+    rolling: Rolling | None = None
     twisting: TwistingResistance | None = None
 
     acts_as = "walls"  # type: ignore[misc]
@@ -177,10 +193,11 @@ class Walls(NamedTuple):
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if self.axis not in (0.0, 1.0, 2.0):
             return f"axis must be 0, 1 or 2, got {self.axis!r}"
-        for name, kind in ROUGHNESS.items():
+        for name, kinds in ROUGHNESS.items():
             value = getattr(self, name)
-            if value is not None and not isinstance(value, kind):
-                return f"{name} must be {kind.__name__}(...) or None, got {value!r}"
+            if value is not None and not isinstance(value, kinds):
+                words = ", ".join(f"{kind.__name__}(...)" for kind in kinds)
+                return f"{name} must be {words} or None, got {value!r}"
         return "" if self.low < self.high else f"high must be above low ({self.low!r}), got {self.high!r}"
 
     def body_force(
@@ -244,18 +261,30 @@ class Walls(NamedTuple):
     def resistances(self, radii: Iterable[float], mass: float) -> list[Any]:
         """Return what acts across contacts of particles of these radii: friction, what resists rolling and twisting.
 
-        A friction whose spring and dashpot follow from the contact for each radius, barely touching and pressed deep.
+        What follows from the contact, a friction's spring and dashpot or `ViscousRolling`, for each radius, barely
+        touching and pressed deep; rolling as of `at_normal_force`.
         """
-        found = [one for one in resistances(self.roughness) if one.coefficient > 0.0]
-        if found and not all(isinstance(one, float) for one in found[0]):
-            found[:1] = [
-                at_contact(
-                    found[0], self.body_stiffness(radius, overlap), 2.0 * self.body_damping(radius, mass, overlap)
-                )
-                for radius in radii
-                for overlap in (_BARELY, _OVERLAP)
-            ]
+        there = [(radius, overlap) for radius in radii for overlap in (_BARELY, _OVERLAP)]
+        found: list[Any] = []
+        for one in resistances(self.roughness):
+            if not one.coefficient > 0.0:
+                continue
+            if isinstance(one, Friction) and not all(isinstance(number, float) for number in one):
+                found += [
+                    at_contact(one, self.body_stiffness(*at), 2.0 * self.body_damping(at[0], mass, at[1]))
+                    for at in there
+                ]
+            elif isinstance(one, Friction):
+                found.append(one)
+            elif isinstance(one, ViscousRolling):
+                found += [at_normal_force(one, self._normal_force(*at)) for at in there]
+            else:
+                found.append(at_normal_force(one, 0.0))
         return found
+
+    def _normal_force(self, radius: float, overlap: float) -> float:
+        """Return the force on a particle at a relative overlap with its image, without dashpots [force]."""
+        return abs(law_first(self.law, 2.0 * radius * (1.0 - overlap), equal_partners(2.0 * radius)))
 
     def body_damping(self, radius: float, mass: float, overlap: float = 0.1) -> float:
         """Return the coefficient of the dashpot of a particle and its image, at a relative overlap [mass/time]."""
@@ -280,7 +309,7 @@ def wall_columns(walls: tuple[Walls, ...], dimension: int) -> tuple[list[int], i
     turns = 1 if dimension == 2 else 3
     width = 2 * turns + 2
     for k, one in enumerate(wall for wall in walls for _ in range(SIDES)):
-        rough, first = one.roughness, k * width
+        rough, first = springs_of(one.roughness), k * width
         friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
         used += range(first, first + turns)
         used += [first + turns] if friction and isinstance(friction.stiffness, Mindlin) else []
@@ -301,8 +330,9 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
     for k, one in enumerate(effects):
         if getattr(one, "acts_as", None) != "walls":
             continue
-        for name, kind in ROUGHNESS.items():
-            found = next((m for m, other in enumerate(effects) if isinstance(other, kind)), None)
+        for name, kinds in ROUGHNESS.items():
+            found = next((m for m, other in enumerate(effects) if isinstance(other, kinds)), None)
+            kind = kinds[0] if found is None else type(effects[found])
             if found is not None and not isinstance(one, Walls):
                 raise ValueError(
                     f"effects must hold no {type(one).__qualname__} beside {kind.__name__}, which would have no part "

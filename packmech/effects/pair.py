@@ -37,6 +37,7 @@ _HOOKS = {
     "pair_second": 3,
     "pair_damping": 2,
     "tangential_force": 3,
+    "rolling_dashpot": 3,
     "cap_force": 3,
     "reach": 2,
     "interaction_energy": 4,
@@ -48,6 +49,11 @@ _HOOKS = {
     "body_second": 6,
     "spin_drag": 1,
     "bath_rate": 1,
+}
+# hooks of packmech's own effects alone
+_OWN = {
+    "tangential_force": "friction is that of Friction alone",
+    "rolling_dashpot": "resistance to rolling is that of ConstantRolling and ViscousRolling alone",
 }
 _INTERACTION = tuple(name for name in _HOOKS if name == "reach" or name.startswith("interaction"))
 # those of the distance and the contact distance, or the partners
@@ -163,8 +169,9 @@ def effect(cls: E) -> E:
         count = _HOOKS[name] + (bool(memory) and name.startswith("interaction"))
         if len(inspect.signature(function).parameters) != count:
             raise TypeError(f"effect {cls.__name__}.{name} must take {count} arguments, self included")
-    if "tangential_force" in hooks and not cls.__module__.startswith("packmech."):
-        raise TypeError(f"effect {cls.__name__} must not define tangential_force: friction is that of Friction alone")
+    for name, why in _OWN.items():
+        if name in hooks and not cls.__module__.startswith("packmech."):
+            raise TypeError(f"effect {cls.__name__} must not define {name}: {why}")
     said = getattr(cls, "acts_as", EFFECTS[0])
     if said not in EFFECTS:
         raise ValueError(f"effect {cls.__name__}.acts_as must be one of {', '.join(EFFECTS)}, got {said!r}")

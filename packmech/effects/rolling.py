@@ -1,7 +1,8 @@
-"""Resistance of contacts to rolling and twisting: springs that give way at a limit, as Coulomb's."""
+"""Resistance of contacts to rolling and twisting: springs that give way at a limit, as Coulomb's, and dashpots."""
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 from packmech.effects.friction import Friction, friction_of
@@ -18,8 +19,9 @@ class RollingResistance(NamedTuple):
     from i to j, and a = a_i a_j / (a_i + a_j) of the arms of `Friction`. Its force f, cut back at the cap as that of
     friction is, turns i by a n x f and j by the opposite, and pushes neither. This is the rolling spring of Luding
     (Granul. Matter 10 (2008) 235), and, as springs give way and have dashpots, model C of Ai, Chen, Rotter and Ooi
-    (Powder Technol. 206 (2011) 269). On a slope below atan(coefficient) a disc or sphere does not roll, where a is its
-    radius: on what is much larger than itself.
+    (Powder Technol. 206 (2011) 269); `ConstantRolling` and `ViscousRolling` are the others of these that packmech has.
+    On a slope below atan(coefficient) a disc or sphere does not roll, where a is its radius: on what is much larger
+    than itself.
 
     Its numbers are checked when a `Scene` is made with it.
 
@@ -43,6 +45,82 @@ class RollingResistance(NamedTuple):
     def tangential_force(self, stretch: float, slip: float) -> float:
         """Return the force of a displacement and its rate, before the cap [force]."""
         return self.stiffness * stretch + self.damping * slip
+
+
+@effect
+class ConstantRolling(NamedTuple):
+    """A force of one size against rolling at each contact: coefficient times the normal force, whatever the speed.
+
+    Model A of Ai, Chen, Rotter and Ooi (Powder Technol. 206 (2011) 269), the constant directional torque: with the
+    rolling velocity v = a (w_j - w_i) x n and the arm a of `RollingResistance` the force is coefficient * F_n v / |v|,
+    which turns i by a n x f and j by the opposite. It would jump where v turns round; here it goes through zero as a
+    dashpot does, f = min(coefficient * F_n, damping |v|) v / |v|. So what rolls freely loses its speed at a constant
+    rate down to coefficient * F_n / damping, then exponentially, and never turns round. Nothing is remembered, and
+    nothing is held at rest: under a steady load below the limit contacts creep at the velocity load / damping, where
+    `RollingResistance` holds them.
+
+    Parameters
+    ----------
+    coefficient
+        Of rolling mu_r [1].
+    damping
+        Of the dashpot below the limit [mass/time]: the larger, the sharper the turn and the slower the creep, and the
+        shorter the time steps, which must not turn what rolls round: dt is chosen, and checked, for that.
+
+    """
+
+    coefficient: float = 0.1
+    damping: float = 1.0
+
+    acts_as = "damping"  # type: ignore[misc]
+
+    def fault(self) -> str:
+        """Return what is wrong with the numbers; nothing is, where it is empty."""
+        return "" if self.damping > 0.0 else f"damping must be positive, got {self.damping!r}"
+
+    @property
+    def stiffness(self) -> float:
+        """There is no spring [energy/length^2]."""
+        return 0.0
+
+    def rolling_dashpot(self, speed: float, normal_force: float) -> float:
+        """Return the force over the rolling velocity of this speed [mass/time]."""
+        limit = self.coefficient * normal_force
+        return self.damping if self.damping * speed <= limit else limit / speed
+
+
+@effect
+class ViscousRolling(NamedTuple):
+    """A force against rolling at each contact in proportion to the normal force and to the velocity of rolling.
+
+    Model B of Ai, Chen, Rotter and Ooi (Powder Technol. 206 (2011) 269): with the rolling velocity v =
+    a (w_j - w_i) x n and the arm a of `RollingResistance` the force is coefficient * F_n v, without a limit; it turns i
+    by a n x f and j by the opposite. What rolls freely loses its speed exponentially. At rest it is zero.
+
+    Parameters
+    ----------
+    coefficient
+        Force over normal force and rolling velocity [time/length].
+
+    """
+
+    coefficient: float = 0.1
+
+    acts_as = "damping"  # type: ignore[misc]
+
+    @property
+    def stiffness(self) -> float:
+        """There is no spring [energy/length^2]."""
+        return 0.0
+
+    def rolling_dashpot(self, speed: float, normal_force: float) -> float:
+        """Return the force over the rolling velocity of this speed [mass/time]."""
+        return self.coefficient * normal_force
+
+
+# resistance to rolling without a spring, and all that there is
+RollingDashpot = ConstantRolling | ViscousRolling
+Rolling = RollingResistance | RollingDashpot
 
 
 @effect
@@ -80,8 +158,15 @@ class RoughContacts(NamedTuple):
     """Friction with resistance to rolling, to twisting, or to both; None for what a scene lacks."""
 
     friction: Friction
-    rolling: RollingResistance | None
+    rolling: Rolling | None
     twisting: TwistingResistance | None
+
+
+def springs_of(rough: Friction | RoughContacts | None) -> Friction | RoughContacts | None:
+    """Return what holds contacts at rest: without resistance to rolling that has no spring."""
+    if not isinstance(rough, RoughContacts) or not isinstance(rough.rolling, RollingDashpot):
+        return rough
+    return rough.friction if rough.twisting is None else rough._replace(rolling=None)
 
 
 def resistances(friction: Friction | RoughContacts | None) -> tuple[Any, ...]:
@@ -91,9 +176,30 @@ def resistances(friction: Friction | RoughContacts | None) -> tuple[Any, ...]:
     return tuple(one for one in friction if one is not None)
 
 
+def at_normal_force(resistance: Rolling | TwistingResistance, normal: Any) -> RollingResistance | TwistingResistance:
+    """Return a resistance as a spring and a dashpot with a limit, as it is under a normal force, or (C,) of them.
+
+    Of those without a spring the stiffness is 0, of those without a limit the coefficient infinite.
+    """
+    if isinstance(resistance, ConstantRolling):
+        return RollingResistance._make((resistance.coefficient, 0.0, resistance.damping))
+    if isinstance(resistance, ViscousRolling):
+        return RollingResistance._make((math.inf, 0.0, resistance.coefficient * normal))
+    return resistance
+
+
 def rolling_of(effects: tuple[Any, ...]) -> RollingResistance | None:
-    """Return the resistance to rolling among the effects; None without, and where its coefficient is 0."""
-    return next((one for one in effects if isinstance(one, RollingResistance) and one.coefficient > 0.0), None)
+    """Return the spring against rolling among the effects; None without, and where its coefficient is 0.
+
+    Dashpots, which do nothing at rest, are left out: see `resisting_rolling`.
+    """
+    found = resisting_rolling(effects)
+    return found if isinstance(found, RollingResistance) else None
+
+
+def resisting_rolling(effects: tuple[Any, ...]) -> Rolling | None:
+    """Return what resists rolling among the effects; None without, and where its coefficient is 0."""
+    return next((one for one in effects if isinstance(one, Rolling) and one.coefficient > 0.0), None)
 
 
 def twisting_of(effects: tuple[Any, ...]) -> TwistingResistance | None:
@@ -102,7 +208,7 @@ def twisting_of(effects: tuple[Any, ...]) -> TwistingResistance | None:
 
 
 def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
-    """Refuse resistance to rolling or twisting of shapes, and to twisting in a plane.
+    """Refuse two resistances to rolling, resistance to rolling or twisting of shapes, and to twisting in a plane.
 
     Raises
     ------
@@ -110,8 +216,11 @@ def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
         Naming the effect.
 
     """
+    rolling = [f"{type(one).__name__} at {k}" for k, one in enumerate(effects) if isinstance(one, Rolling)]
+    if len(rolling) > 1:
+        raise ValueError(f"effects must hold one resistance to rolling at most, got {', '.join(rolling)}")
     for k, one in enumerate(effects):
-        if not isinstance(one, RollingResistance | TwistingResistance):
+        if not isinstance(one, Rolling | TwistingResistance):
             continue
         name = type(one).__name__
         if packing.shapes.has_orientations:
@@ -125,7 +234,7 @@ def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
 
 def roughness_of(effects: tuple[Any, ...]) -> Friction | RoughContacts | None:
     """Return what acts across contacts: the friction alone, or with what resists rolling and twisting; None without."""
-    friction, rolling, twisting = friction_of(effects), rolling_of(effects), twisting_of(effects)
+    friction, rolling, twisting = friction_of(effects), resisting_rolling(effects), twisting_of(effects)
     if rolling is None and twisting is None:
         return friction
     return RoughContacts(friction or Friction(0.0), rolling, twisting)

@@ -20,6 +20,7 @@ from packmech.contacts.rattlers import rough_ends_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
     Interactions,
+    RollingResistance,
     RoughContacts,
     ShapedTerms,
     acting_contacts,
@@ -35,6 +36,7 @@ from packmech.effects import (
     roughness_of,
     shaped_terms,
     single_terms,
+    springs_of,
     total_push,
     twisting_of,
     under_cap,
@@ -336,7 +338,7 @@ class ContactForces:
         if unit == 0.0:
             return rattlers_among(packing, bearing, effects)
         resisting = rolling_of(effects), twisting_of(effects)
-        rolls = resisting[0] is not None or any(one.rolling for one in walls)
+        rolls = resisting[0] is not None or any(isinstance(one.rolling, RollingResistance) for one in walls)
         twists = resisting[1] is not None or any(one.twisting for one in walls)
         point, arm = bearing.points(packing.radius_n), self.turning.arm_c[self.bearing_c] / unit
         sizes = [0.0 if one is None else one.coefficient for one in resisting]
@@ -360,7 +362,7 @@ class ContactForces:
         for _, wall, _, touches in wall_sides(effects, packing) if rough_walls(effects) else ():
             if wall.roughness is not None:
                 count[touches.particle_w] += 1
-                resisting[touches.particle_w] |= isinstance(wall.roughness, RoughContacts)
+                resisting[touches.particle_w] |= isinstance(springs_of(wall.roughness), RoughContacts)
         return np.asarray((count == 2) & ~resisting & ~self.rattlers_n & (self.contacts.dimension == 3))
 
     @property

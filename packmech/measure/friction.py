@@ -19,6 +19,7 @@ from packmech.effects import (
     equal_touches,
     friction_of,
     rolling_of,
+    springs_of,
     twisting_of,
     wall_columns,
 )
@@ -145,7 +146,7 @@ def wall_resistance(packing: Packing, sides: list[WallSide]) -> WallResistance:
 def _resistance(side: WallSide, d: int, stretch_wk: NDArray[np.float64]) -> WallResistance:
     """Return what a side of rough walls does across, given the columns of its springs (`wall_columns`)."""
     wall, touches = side.wall, side.touches
-    rough: Any = wall.roughness
+    rough: Any = springs_of(wall.roughness)
     turns = 1 if d == 2 else 3
     terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
     normal = np.zeros((len(touches), d))

@@ -31,6 +31,7 @@ from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, ra
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
     ROUGHNESS,
+    RollingDashpot,
     Walls,
     find_interactions,
     held_particles,
@@ -151,7 +152,7 @@ def _wall_ends(packing: Packing, effects: tuple[Any, ...], friction: float, turn
             spin, normal = packing.spin_nkk[n], -np.sign(slope[:, :d])
             arm = 0.5 * touches.distance_w
             sliding, *others = (
-                0.0 if one is None else one.coefficient / friction
+                0.0 if one is None or isinstance(one, RollingDashpot) else one.coefficient / friction
                 for one in (getattr(wall, name) for name in ROUGHNESS)
             )
             moments = [size * arm if there else None for size, there in zip(others, turning, strict=True)]

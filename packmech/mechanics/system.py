@@ -25,6 +25,7 @@ from packmech.contacts.turning_elements import turning_elements
 from packmech.effects import (
     ContactTerms,
     acts_on_single,
+    at_normal_force,
     bonded_pairs,
     bonds_of,
     contact_terms,
@@ -33,6 +34,7 @@ from packmech.effects import (
     refuse_tangential_bonds,
     refuse_tangential_springs,
     refuse_unknown_to_shapes,
+    resisting_rolling,
     rolling_of,
     shaped_terms,
     single_terms,
@@ -246,9 +248,11 @@ def turning_springs(
     forces: TurningForces,
     kind: Kind = "exact",
     *,
-    dashpots: bool = False,
+    normal_c: NDArray[np.float64] | None = None,
 ) -> list[Elements]:
     """Return the springs against rolling and twisting of contacts, or their dashpots; or nothing.
+
+    Dashpots are those of small motions about rest, below any limit.
 
     Parameters
     ----------
@@ -260,18 +264,22 @@ def turning_springs(
         What these springs bear, contact by contact.
     kind
         "exact" or "unstressed".
-    dashpots
-        Whether dashpots are asked for.
+    normal_c
+        (C,) normal forces that limits are made of, where dashpots are asked for [force].
 
     """
-    resisting = (rolling_of(effects), twisting_of(effects))
+    parts = (forces.rolling_cd, forces.twisting_c)
+    resisting: tuple[Any, ...]
+    if normal_c is None:
+        resisting = (rolling_of(effects), twisting_of(effects))
+        sizes = [0.0 if one is None else one.stiffness for one in resisting]
+    else:
+        resisting = (resisting_rolling(effects), twisting_of(effects))
+        sizes = [0.0 if one is None else at_normal_force(one, normal_c).damping for one in resisting]
+        parts, kind = (np.zeros_like(parts[0]), np.zeros_like(parts[1])), "unstressed"
     if not any(resisting):
         return []
-    rolling, twisting = (0.0 if one is None else float(one.damping if dashpots else one.stiffness) for one in resisting)
-    parts = (forces.rolling_cd, forces.twisting_c)
-    if dashpots:
-        parts, kind = (np.zeros_like(parts[0]), np.zeros_like(parts[1])), "unstressed"
-    return [turning_elements(contacts, packing.radius_n, *parts, (rolling, twisting), kind)]
+    return [turning_elements(contacts, packing.radius_n, *parts, (sizes[0], sizes[1]), kind)]
 
 
 def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTerms:

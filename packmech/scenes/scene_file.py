@@ -324,7 +324,7 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         "damping": dashpots,
         "stiffness": kinds_of((Mindlin,)),
         # of walls
-        **{name: kinds_of((kind,)) for name, kind in ROUGHNESS.items()},
+        **{name: kinds_of(kinds) for name, kinds in ROUGHNESS.items()},
         **LIMITS,
     }
     # each effect beside its place; bonds are made once the packing is there

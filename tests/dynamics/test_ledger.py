@@ -93,6 +93,19 @@ def test_rolling_loses_its_resistance_times_the_way_it_rolls():
     assert "sliding" not in ledger.dissipated
 
 
+def test_rolling_without_a_spring_loses_its_force_times_the_way_it_rolls():
+    # the normal force is 0.1, the velocity of rolling 0.45 and 0.0045
+    for rolling, spin, lost in (
+        (pm.ConstantRolling(0.2, 0.5), 1.0, 0.02 * 0.45),
+        (pm.ConstantRolling(0.2, 0.5), 0.01, 0.5 * 0.0045**2),
+        (pm.ViscousRolling(0.7), 1.0, 0.07 * 0.45**2),
+    ):
+        ledger, rates = driven(two(SPRING, pm.Friction(0.3, 0.5), rolling, distance=0.9), [[spin], [-spin]])
+        assert rates["rolling"] == pytest.approx(lost, rel=1e-10)
+        assert rates["held"] == pytest.approx(lost, rel=1e-10)
+        assert "rolling" not in ledger.stored
+
+
 # -- it closes ------------------------------------------------------------------------------------------------------
 
 
@@ -117,6 +130,20 @@ def test_spheres_that_slide_roll_and_twist_close():
     ledger = closed(pm.ramp_strain(scene, rate=0.02, applied_strain=0.3, ledger=True))
     assert {"sliding", "rolling", "twisting"} <= set(ledger.dissipated)
     assert {"contacts", "tangential", "rolling", "twisting"} == set(ledger.stored)
+
+
+@pytest.mark.parametrize("rolling", [pm.ConstantRolling(0.1, 2.0), pm.ViscousRolling(2.0)])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_grains_that_roll_without_springs_close_in_bulk_and_between_walls(rolling, dimension):
+    scene = jammed(*GRAINS, rolling, dimension=dimension, fraction=0.88 if dimension == 2 else 0.7)
+    ledger = closed(pm.ramp_strain(scene, rate=0.02, applied_strain=0.3, ledger=True))
+    assert ledger.dissipated["rolling"][-1] > 0.0
+    assert {"contacts", "tangential"} == set(ledger.stored)
+    side = float(scene.packing.box.lattice_dd[0, 0])
+    walls = pm.Walls(0.0, 0.0, 0.9 * side, friction=pm.Friction(0.4), rolling=rolling)
+    scene = scene.replace(effects=(*scene.effects, walls, pm.Gravity(-0.01, -0.003)))
+    ledger = closed(pm.simulate(scene, duration=20.0, velocity_nd=shaken(scene), ledger=True, check=False))
+    assert ledger.dissipated["rolling"][-1] > 0.0 and "rolling" not in ledger.stored
 
 
 def test_an_oscillation_closes_cycle_by_cycle():

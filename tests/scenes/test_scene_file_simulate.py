@@ -103,3 +103,17 @@ def test_a_run_without_friction_is_recorded_too(tmp_path):
     pm.write_scene(pm.Scene(packing, (pm.Repulsion(),), pm.SimulateDrive(steps=2)), tmp_path / "a.toml")
     assert execute(["run", str(tmp_path / "a.toml"), "--record", str(tmp_path / "a.rrd")]) == 0
     assert (tmp_path / "a.rrd").stat().st_size > 0
+
+
+def test_a_thrown_ball_is_stopped_by_a_resistance_to_rolling_that_a_file_gives_the_floor(tmp_path):
+    scene = pm.read_scene("rolling-ball")
+    assert scene.effects[0].rolling == pm.ConstantRolling(0.05, 20.0)
+    pm.write_scene(scene, tmp_path / "again.toml")
+    assert pm.read_scene(tmp_path / "again.toml").effects == scene.effects
+    drive = scene.drive
+    run = pm.simulate(scene, duration=drive.duration, velocity_nd=drive.velocities, ledger=True)
+    assert np.abs(run.velocity_nd).max() < 1e-12
+    lost = {name: curve[-1] for name, curve in run.ledger.dissipated.items()}
+    # what a ball keeps that slips until it rolls is five sevenths of its energy, less a part that rolls as it slips
+    assert lost["sliding"] == pytest.approx(0.5 * 2.0 / 7.0, rel=0.2)
+    assert sum(lost.values()) == pytest.approx(0.5, rel=1e-3)

@@ -1,0 +1,255 @@
+"""Facts about resistance to rolling without a spring: of one size, and in proportion to the velocity of rolling."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import packmech as pm
+
+STIFF = 1e3
+SPRING = pm.Repulsion(pm.LinearSpring(1.0))
+FORMS = [pm.ConstantRolling(0.1, 2.0), pm.ViscousRolling(0.3)]
+
+
+def inertia(dimension, mass=1.0, radius=0.5):
+    return (0.5 if dimension == 2 else 0.4) * mass * radius**2
+
+
+def on_floor(dimension, rolling, slope=0.0, overlap=0.01):
+    """Return a disc or sphere of mass 1 where a rough floor bears its weight, and its arm there.
+
+    A wall has half the stiffness of a pair at twice the overlap.
+    """
+    arm = 0.5 - overlap
+    place = np.full((1, dimension), 5.0)
+    place[0, 1] = arm
+    packing = pm.Packing(place, [0.5], pm.Box.cubic(20.0, dimension), mass_n=[1.0])
+    floor = pm.Walls(1, 0.0, 15.0, pm.LinearSpring(STIFF), 0.0, pm.Friction(0.5, STIFF, 20.0), rolling)
+    return pm.Scene(packing, (floor, pm.Gravity(slope, -2.0 * STIFF * overlap))), arm
+
+
+def rolled(scene, arm, speed, **how):
+    """Return the run of a disc or sphere that starts rolling along x."""
+    dimension = scene.packing.dimension
+    spin = [[-speed / arm]] if dimension == 2 else [[0.0, 0.0, -speed / arm]]
+    velocity = np.zeros((1, dimension))
+    velocity[0, 0] = speed
+    return pm.simulate(scene, velocity_nd=velocity, spin_nk=spin, **how)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_constant_resistance_takes_the_speed_of_what_rolls_on_a_floor_at_a_constant_rate(dimension):
+    """m v' = -f and I w' = f D - mu D N with v = w D: v' = -mu g / (1 + I / (m D^2)), D the arm, 20 the weight."""
+    scene, arm = on_floor(dimension, pm.ConstantRolling(0.01, 20.0))
+    rate = 0.01 * 20.0 / (1.0 + inertia(dimension) / arm**2)
+    ends = [rolled(scene, arm, 1.0, duration=time).velocity_nd[0, 0] for time in (2.0, 4.0, 6.0)]
+    assert np.diff(ends) / -2.0 == pytest.approx([rate, rate], rel=1e-8)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_viscous_resistance_takes_the_speed_of_what_rolls_on_a_floor_exponentially(dimension):
+    """m v' = -f and I w' = f D - k N v D with v = w D: v' = -k g v / (1 + I / (m D^2))."""
+    scene, arm = on_floor(dimension, pm.ViscousRolling(0.02))
+    rate = 0.02 * 20.0 / (1.0 + inertia(dimension) / arm**2)
+    # the spring of friction follows the force, which falls: it slips by rate^2 / stiffness of the way
+    ends = [rolled(scene, arm, 1.0, duration=time).velocity_nd[0, 0] for time in (2.0, 4.0, 6.0)]
+    assert np.diff(np.log(ends)) / -2.0 == pytest.approx([rate, rate], rel=2e-4)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_constant_resistance_stops_stays_at_rest(dimension):
+    scene, arm = on_floor(dimension, pm.ConstantRolling(0.01, 20.0))
+    stops = (1.0 + inertia(dimension) / arm**2) / (0.01 * 20.0)
+    run, later = (rolled(scene, arm, 1.0, steps=round((stops + more) / 1e-3), dt=1e-3) for more in (4.0, 8.0))
+    assert abs(run.velocity_nd[0, 0]) < 1e-12
+    assert later.packing.position_nd[0, 0] == pytest.approx(run.packing.position_nd[0, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_time_step_that_is_chosen_turns_no_spin_round(dimension):
+    side = 1.96
+    place = np.full((2, dimension), 1.5)
+    place[:, 0] = [0.0, 0.5 * side]
+    packing = pm.Packing(place, [0.5, 0.5], pm.Box(np.diag([side, *[3.0] * (dimension - 1)])), mass_n=[1.0, 1.0])
+    scene = pm.Scene(packing, (SPRING, pm.ConstantRolling(1.0, 5.0)))
+    spin = np.zeros((2, 1 if dimension == 2 else 3))
+    spin[:, -1] = [0.02, -0.02]
+    # coarser than the one that is chosen
+    dt = 4.0 * pm.simulate(scene, steps=1, spin_nk=spin).dt
+    seen = [pm.simulate(scene, steps=steps, dt=dt, spin_nk=spin).spin_nk[0, -1] for steps in range(1, 300, 6)]
+    assert np.all(np.diff(seen) <= 0.0) and min(seen) >= -1e-18 and seen[-1] < 1e-12
+    with pytest.raises(pm.NotConverged, match="resistance of a contact to rolling or twisting is unstable above"):
+        pm.simulate(scene, steps=1, dt=1.0, spin_nk=spin)
+
+
+def test_below_its_limit_a_slope_makes_what_constant_resistance_does_not_hold_creep():
+    """The load is m g_x, against a dashpot; a spring holds it."""
+    creeps, _ = on_floor(2, pm.ConstantRolling(0.1, 50.0), slope=0.5)
+    assert pm.simulate(creeps, duration=20.0).velocity_nd[0, 0] == pytest.approx(0.5 / 50.0, rel=1e-6)
+    held, _ = on_floor(2, pm.RollingResistance(0.1, STIFF, 50.0), slope=0.5)
+    assert abs(pm.simulate(held, duration=20.0).velocity_nd[0, 0]) < 1e-6
+
+
+def collision(dimension, rolling):
+    """Return two unequal particles that are pressed and pass each other, without friction, and how they move."""
+    place = np.full((2, dimension), 2.0)
+    place[1, :2] += [0.8, 0.3]
+    packing = pm.Packing(place, [0.5, 0.6], pm.Box.cubic(6.0, dimension), mass_n=[1.0, 1.7])
+    velocity = np.zeros((2, dimension))
+    velocity[:, :2] = [[0.1, -0.04], [-0.06, 0.03]]
+    spin = [[0.3], [-0.8]] if dimension == 2 else [[0.3, -0.5, 0.2], [-0.6, 0.1, 0.9]]
+    return pm.Scene(packing, (SPRING, rolling)), {"velocity_nd": velocity, "spin_nk": np.array(spin)}
+
+
+def integrated(scene, start, coefficient, duration):
+    """Return spins at the end by an integrator of SciPy, given the dashpot as (speed, normal force) -> coefficient."""
+    packing = scene.packing
+    d, k = packing.dimension, start["spin_nk"].shape[1]
+    mass, radius = packing.mass_n, packing.radius_n
+    turned = np.array([inertia(d, *one) for one in zip(mass, radius, strict=True)])
+    sigma = radius.sum()
+
+    def slope(_, y):
+        place, velocity, spin = y[: 2 * d].reshape(2, d), y[2 * d : 4 * d].reshape(2, d), y[4 * d :].reshape(2, k)
+        branch = np.zeros(3)
+        branch[:d] = place[1] - place[0]
+        distance = np.linalg.norm(branch)
+        # they touch throughout
+        n, normal = branch / distance, sigma - distance
+        three = np.zeros((2, 3))
+        three[:, 3 - k :] = spin
+        arms = radius * distance / sigma
+        arm = arms[0] * arms[1] / arms.sum()
+        rolls = arm * np.cross(three[1] - three[0], n)
+        torque = arm * np.cross(n, coefficient(np.linalg.norm(rolls), normal) * rolls)[3 - k :]
+        push = normal * n[:d]
+        return np.concatenate(
+            [velocity.ravel(), -push / mass[0], push / mass[1], torque / turned[0], -torque / turned[1]]
+        )
+
+    y = np.concatenate([packing.position_nd.ravel(), start["velocity_nd"].ravel(), start["spin_nk"].ravel()])
+    found = solve_ivp(slope, (0.0, duration), y, "DOP853", rtol=1e-12, atol=1e-14, max_step=duration / 50)
+    return found.y[4 * d :, -1].reshape(2, k)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_viscous_resistance_follows_the_equations_of_motion_to_second_order(dimension):
+    scene, start = collision(dimension, pm.ViscousRolling(8.0))
+    due = integrated(scene, start, lambda speed, normal: 8.0 * normal, 0.8)
+    errors = [
+        np.abs(pm.simulate(scene, steps=steps, dt=0.8 / steps, check=False, **start).spin_nk - due).max()
+        for steps in (100, 200, 400)
+    ]
+    assert np.abs(start["spin_nk"] - due).max() > 0.2
+    assert [math.log2(a / b) for a, b in zip(errors[:-1], errors[1:], strict=True)] == pytest.approx([2.0] * 2, abs=0.1)
+    assert errors[-1] < 1e-5
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_constant_resistance_follows_the_equations_of_motion_above_and_below_its_limit(dimension):
+    scene, start = collision(dimension, pm.ConstantRolling(1.5, 2.0))
+    ratios = []
+
+    def coefficient(speed, normal):
+        ratios.append(2.0 * speed / (1.5 * normal))
+        return min(2.0, 1.5 * normal / speed)
+
+    due = integrated(scene, start, coefficient, 0.8)
+    assert max(ratios) > 1.2 and min(ratios) < 0.8
+    found = pm.simulate(scene, steps=4000, dt=2e-4, check=False, **start).spin_nk
+    assert np.abs(found - due).max() < 1e-6
+
+
+@pytest.mark.parametrize("rolling", FORMS)
+def test_a_contact_dissipates_its_force_times_its_velocity_of_rolling(rolling):
+    packing = pm.Packing([[2.0, 2.0], [2.9, 2.0]], [0.5, 0.5], pm.Box.cubic(6.0, 2))
+    # the reduced arm is 0.45 / 2, the normal force 0.1
+    for spin, force in ((1.0, {"ConstantRolling": 0.01, "ViscousRolling": 0.03 * 0.45}),
+                        (0.001, {"ConstantRolling": 2.0 * 0.00045, "ViscousRolling": 0.03 * 0.00045})):  # fmt: skip
+        found = pm.contact_dissipation(pm.Scene(packing, (SPRING, rolling)), np.zeros((2, 2)), [[spin], [-spin]])
+        assert found.by_channel["rolling"] == pytest.approx(found.total, rel=1e-12)
+        assert found.total == pytest.approx(force[type(rolling).__name__] * 0.45 * spin, rel=0.02)
+
+
+@pytest.mark.parametrize("rolling", FORMS)
+def test_at_rest_it_is_as_if_there_were_none_and_nothing_is_kept(rolling):
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.95, seed=4)
+    bare = pm.Scene(start, (SPRING,))
+    scene = pm.Scene(start, (SPRING, rolling))
+    rest = pm.quench(scene, force_tolerance=1e-12).packing
+    assert rest == pm.quench(bare, force_tolerance=1e-12).packing
+    bare, scene = bare.replace(packing=rest), scene.replace(packing=rest)
+    assert pm.classify_jamming(scene).strict == pm.classify_jamming(bare).strict
+    np.testing.assert_array_equal(pm.normal_modes(scene).frequency_m, pm.normal_modes(bare).frequency_m)
+    rough, more = (one.replace(effects=(*one.effects, pm.Friction(0.5, 0.7))) for one in (bare, scene))
+    for one, other in ((bare, scene), (rough, more)):
+        np.testing.assert_array_equal(pm.elastic_moduli(other).cauchy, pm.elastic_moduli(one).cauchy)
+        found, due = pm.contact_forces(other), pm.contact_forces(one)
+        assert found.isostatic_coordination == due.isostatic_coordination
+        np.testing.assert_array_equal(found.rattlers_n, due.rattlers_n)
+        assert (pm.stiffness_matrix(other) != pm.stiffness_matrix(one)).nnz == 0
+    run = pm.simulate(more, steps=50, spin_nk=np.full((32, 1), 0.1))
+    assert run.packing.tangential.rolling_ck is None
+    assert pm.simulate(scene, steps=50, spin_nk=np.full((32, 1), 0.1)).packing.tangential is None
+    assert "zero at rest" == pm.calls.honors.CALLS["quench"].answer(*pm.calls.honors.columns_of(rolling))
+
+
+@pytest.mark.parametrize("rolling", FORMS)
+def test_complex_moduli_have_the_dashpots_that_small_oscillations_have(rolling):
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.95, seed=4)
+    rest = pm.quench(pm.Scene(start, (SPRING,)), force_tolerance=1e-12).packing
+    strong = rolling._replace(coefficient=20.0) if isinstance(rolling, pm.ViscousRolling) else rolling
+    effects = (SPRING, pm.ContactDamping(0.3), pm.Friction(0.5, 0.7, 0.2), strong)
+    scene, bare = pm.Scene(rest, effects), pm.Scene(rest, effects[:3])
+    due, without = (pm.complex_modulus(one, [0.2]).modulus_f[0] for one in (scene, bare))
+    run = pm.oscillatory_shear(scene, amplitude=1e-7, frequency=0.2, periods=24, skip_periods=22, pre_periods=0)
+    found = complex(run.moduli.storage, run.moduli.loss)
+    assert abs(found - due) < 1e-4 * abs(due) and abs(without - due) > 1e-3 * abs(due)
+
+
+def test_grains_at_rest_on_a_rough_floor_that_only_damps_rolling_are_those_of_one_without():
+    for rolling in FORMS:
+        scene, _ = on_floor(2, rolling)
+        floor, weight = scene.effects
+        plain = scene.replace(effects=(floor._replace(rolling=None), weight))
+        np.testing.assert_array_equal(pm.torques(scene), pm.torques(plain))
+        np.testing.assert_array_equal(pm.contact_forces(scene).rattlers_n, pm.contact_forces(plain).rattlers_n)
+        run = pm.settle(scene, force_tolerance=1e-8)
+        assert run.outcome is pm.Outcome.CONVERGED
+        kept = pm.simulate(scene, steps=20, velocity_nd=[[0.1, 0.0]]).packing
+        assert pm.energy(scene.replace(packing=kept)) == pm.energy(plain.replace(packing=kept))
+
+
+class Sticky(NamedTuple):
+    """A user's own resistance to rolling."""
+
+    size: float = 1.0
+
+    def rolling_dashpot(self, speed, normal_force):
+        return self.size
+
+
+def test_what_has_no_meaning_is_refused():
+    plane = pm.lattice_packing("triangular", repeats=(3, 3))
+    with pytest.raises(ValueError, match="one resistance to rolling at most, got ConstantRolling at 1, Viscous.* at 2"):
+        pm.Scene(plane, (SPRING, *FORMS))
+    with pytest.raises(ValueError, match="one resistance to rolling at most, got RollingResistance at 1, Constant"):
+        pm.Scene(plane, (SPRING, pm.RollingResistance(), FORMS[0]))
+    with pytest.raises(ValueError, match=r"effects\[0\].damping must be positive, got 0"):
+        pm.Scene(plane, (pm.ConstantRolling(0.1, 0.0),))
+    ellipses = pm.random_packing(8, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(aspect=1.5), seed=1)
+    for one in FORMS:
+        name = type(one).__name__
+        with pytest.raises(ValueError, match=f"effects must hold no {name} for ellipses"):
+            pm.Scene(ellipses, (SPRING, one))
+        with pytest.raises(ValueError, match=rf"rolling of Walls must be given where contacts have {name}"):
+            pm.Scene(plane, (SPRING, one, pm.Walls(1, -9.0, 9.0)))
+        walls = pm.Walls(1, -9.0, 9.0, rolling=one._replace(coefficient=0.0))
+        assert pm.Scene(plane, (SPRING, one, walls)).effects[2].roughness is None
+    with pytest.raises(ValueError, match=r"rolling must be RollingResistance\(...\), ConstantRolling\(...\), Viscous"):
+        pm.Scene(plane, (SPRING, pm.Walls(1, -9.0, 9.0, rolling=pm.Friction())))
+    with pytest.raises(TypeError, match="Sticky must not define rolling_dashpot"):
+        pm.effect(Sticky)
