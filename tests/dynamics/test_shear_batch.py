@@ -42,7 +42,13 @@ def shaken(batch, frames, seed):
     return batch
 
 
-@pytest.mark.parametrize("make", [plain, frictional, rolling])
+def rolling_without_springs(seed):
+    """A scene whose contacts damp rolling."""
+    scene = frictional(seed)
+    return scene.replace(effects=(*scene.effects, pm.ViscousRolling(5.0)))
+
+
+@pytest.mark.parametrize("make", [plain, frictional, rolling, rolling_without_springs])
 def test_a_packing_in_a_batch_has_the_bits_of_the_packing_alone_on_any_number_of_threads(make):
     scenes = [make(seed) for seed in range(5)]
     rng = np.random.default_rng(0)
