@@ -6,6 +6,7 @@ Names are found on first use, so that `import packmech` is light and a command p
 
 from __future__ import annotations
 
+import builtins
 import importlib
 import os
 import re
@@ -37,14 +38,14 @@ _PUBLIC = {name: module for names in _SUBJECTS.values() for name, module in name
 __all__ = sorted(_PUBLIC)
 
 
-def help(word: str = "") -> None:
+def help(word: Any = "") -> None:
     """Print the public names by subject, each with one line on it.
 
     Parameters
     ----------
     word
         Only names, lines and subjects in which this stands, all its words; everyday words and symbols, such as "DOS",
-        find what they are called here.
+        find what they are called here. Of anything but a text the docstring is shown, as Python's help does.
 
     Examples
     --------
@@ -56,7 +57,10 @@ def help(word: str = "") -> None:
     """
     from packmech.calls.docstrings import print_subjects
 
-    print_subjects(_SUBJECTS, word, _WORDS)
+    if isinstance(word, str):
+        print_subjects(_SUBJECTS, word, _WORDS)
+    else:
+        builtins.help(word)
 
 
 def __getattr__(name: str) -> Any:

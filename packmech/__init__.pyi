@@ -410,8 +410,9 @@ from packmech.jit.compiled import kernel as kernel
 #: rattlers -> find_rattlers
 #: polymer, polymers, chains, beads_on_a_chain -> chain_packing, Links, bead_packing
 #: adhesion, pull_off, sticking -> JKR, DMT, ShortRangeAttraction
+#: effective_radius, curvature, hertz, hertz_mindlin, unequal_spheres -> ElasticSpheres, Hertz, Partners, Material
 #: gel, attraction, cohesion, wet, liquid_bridge -> ShortRangeAttraction, DMT, JKR, CapillaryBridge
-#: reaction, support, floor -> contact_forces, wall_contacts
+#: reaction, support, floor, weight -> contact_forces, wall_contacts
 #: plastic, plasticity, plastic_events, yielding -> quasistatic_shear, local_yield_stress
 #: notebook, html -> plot
 #: import, load, open, read -> read_packing, read_trajectory, from_ase
@@ -423,4 +424,4 @@ from packmech.jit.compiled import kernel as kernel
 
 __version__: str
 
-def help(word: str = "") -> None: ...
+def help(word: object = "") -> None: ...

@@ -19,7 +19,7 @@ C = TypeVar("C", bound=type)
 # lines of a repr, and letters of one line
 LINES, LETTERS = 12, 110
 # errors below this part of a value are rounding
-_ROUNDING = 1e-14
+_ROUNDING = 1e-12
 # arrays of no more numbers are written out
 _FEW = 6
 # name, value in words, unit or meaning

@@ -115,7 +115,8 @@ class Contacts:
     normal_cd
         (C, d) unit vectors from i to j [1].
     distance_c, contact_distance_c, effective_radius_c
-        (C,) center distance, sum of radii, and r_i r_j / (r_i + r_j) [length].
+        (C,) center distance, sum of radii, and r_i r_j / (r_i + r_j) [length]; ``gap_c`` is the first less the second
+        [length], ``overlap_c`` the overlap over the second [1].
     particles, dimension
         N and d of the packing.
 

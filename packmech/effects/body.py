@@ -132,7 +132,9 @@ class Walls(NamedTuple):
     from each of two equal ones that meet head on. As only one of the two is there, it has half the pair's energy,
     u(rho) / 2, whose slope by D is the force, and a stiffness of 2 u''(rho). With the law of the pairs a particle
     rebounds from a wall as each of two equal ones that meet head on; where it reaches d into the wall it is pressed as
-    by an equal one at an overlap of 2 d. The law is a LinearSpring unless given, whatever the scene's pairs have.
+    by an equal one at an overlap of 2 d. So `ElasticSpheres` of the pairs make a wall rigid, twice as stiff as a thick
+    plate of the particles' material: `Material.walls` makes such plates. The law is a LinearSpring unless given,
+    whatever the scene's pairs have, or in scene files with a table [material] that of the material.
 
     An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall, and touches it where D is smaller; as its image
     touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. Of a rigid body each

@@ -313,11 +313,11 @@ class LinearSpring(NamedTuple):
 
 @law
 class ElasticSpheres(NamedTuple):
-    """Elastic spheres of any two sizes: u = (8/15) E sqrt(R) (sigma - r)^(5/2), R = r_i r_j / (r_i + r_j).
+    """Hertz's contact of elastic spheres of any two sizes: u = (8/15) E sqrt(R) (sigma - r)^(5/2).
 
-    Hertz's contact with its force (4/3) E sqrt(R) overlap^(3/2) (Johnson, Contact Mechanics (1985), equation 4.23).
-    `Hertz` is the same for spheres of one size, with the energy_scale (4/3) E sqrt(radius/2) (2 radius)^(5/2); of
-    several sizes it is the law that the literature on jamming takes: energies depend on the relative overlap alone.
+    R = r_i r_j / (r_i + r_j); the force is (4/3) E sqrt(R) overlap^(3/2) (Johnson, Contact Mechanics (1985), equation
+    4.23). `Hertz` is the same for spheres of one size, with the energy_scale (4/3) E sqrt(radius/2) (2 radius)^(5/2);
+    of several sizes it is the law that the literature on jamming takes: energies depend on the relative overlap alone.
 
     Parameters
     ----------

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 from packmech.calls.display import shown
 from packmech.check import instance, positive, real
+from packmech.effects.body import Walls
 from packmech.effects.damping import Restitution
 from packmech.effects.friction import DampingRatio, Friction, Mindlin
-from packmech.effects.laws import ElasticSpheres, LinearSpring
-from packmech.effects.material import contact_stiffness
+from packmech.effects.laws import ElasticSpheres, Law, LinearSpring
 from packmech.effects.repulsion import Repulsion
 from packmech.packing import Packing
 
@@ -83,6 +84,8 @@ class Material:
         `Restitution` and the tangential dashpot, as strong, are there unless collisions leave all; friction where its
         coefficient is not 0.
 
+        Masses are those of the packing: give calls that make it `density=material.density`.
+
         Parameters
         ----------
         packing
@@ -94,17 +97,77 @@ class Material:
             If it is no packing, or of other shapes.
 
         """
+        return (Repulsion(self._law(packing, self.effective_modulus)), *self._dashpots(), *self._sliding())
+
+    def walls(self, packing: Packing, axis: int, low: float, high: float, *, of: Material | None = None) -> Walls:
+        """Return two walls across an axis that particles of this material touch as thick plates.
+
+        Spheres are pressed by F = (4/3) E* sqrt(r) overlap^(3/2) and slide as Mindlin's, discs by (pi/4) E* times the
+        overlap, 1/E* = (1 - nu^2)/E of the particles + that of the walls; collisions leave the restitution. (Walls with
+        the law of the pairs are rigid plates: E* is twice that of two bodies of one material.)
+
+        Parameters
+        ----------
+        packing
+            Of discs or spheres.
+        axis, low, high
+            As of `Walls`.
+        of
+            What the walls are made of, the particles' material unless given. Restitution and friction are the geometric
+            means of both.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is wrong.
+
+        Examples
+        --------
+        >>> import packmech as pm
+        >>> glass, steel = pm.Material(7e4, 0.22, restitution=0.9), pm.Material(2e5, 0.3, restitution=0.4)
+        >>> ball = pm.Packing([[2.0, 2.0, 1.0]], [0.5], pm.Box.cubic(4.0, 3))
+        >>> floor = glass.walls(ball, axis=2, low=0.0, high=3.5, of=steel)
+        >>> round(floor.damping.coefficient, 12)
+        0.6
+
+        """
+        other = self if of is None else of
+        instance("of", other, Material)
+        modulus = 1.0 / (1.0 / (2.0 * self.effective_modulus) + 1.0 / (2.0 * other.effective_modulus))
+        both = self if of is None else self._mixed(other, modulus)
+        dashpots, sliding = both._dashpots(), both._sliding()
+        # the law is that of the mirror image, whose overlap is twice as deep
+        law = self._law(packing, 0.5 * modulus)
+        friction = sliding[0] if sliding else Friction(0.0) if self.friction > 0.0 else None
+        return Walls(axis, low, high, law, dashpots[0] if dashpots else 0.0, friction, None, None)
+
+    def _mixed(self, other: Material, modulus: float) -> Material:
+        """Return the material of which two bodies touch as one of this and one of the other, of this E*."""
+        shear = 1.0 / sum((2.0 - one.poisson_ratio) / one.shear_modulus for one in (self, other))
+        # of one material 4 G*/E* = 2 (1 - nu)/(2 - nu)
+        ratio = 4.0 * shear / modulus
+        poisson = min(max((2.0 - 2.0 * ratio) / (2.0 - ratio), 0.0), 0.5)
+        return Material(
+            young_modulus=2.0 * modulus * (1.0 - poisson**2),
+            poisson_ratio=poisson,
+            restitution=math.sqrt(self.restitution * other.restitution),
+            friction=math.sqrt(self.friction * other.friction),
+        )
+
+    def _law(self, packing: Packing, modulus: float) -> Law:
+        """Return the repulsion of discs or spheres whose contacts have this E*."""
         instance("packing", packing, Packing)
         if packing.shapes.has_orientations:
             raise ValueError(
                 f"packing must be of discs or spheres, whose curvature contacts feel, got {packing.shapes.names[1]}"
             )
-        law: Any = LinearSpring(contact_stiffness(self.young_modulus, poisson_ratio=self.poisson_ratio))
-        if packing.dimension == 3:
-            law = ElasticSpheres(self.effective_modulus)
-        dashpot = (Restitution(self.restitution),) if self.restitution < 1.0 else ()
-        sliding: tuple[Any, ...] = ()
-        if self.friction > 0.0:
-            across = DampingRatio(1.0) if dashpot else 0.0
-            sliding = (Friction(self.friction, Mindlin(self.poisson_ratio), across),)
-        return (Repulsion(law), *dashpot, *sliding)
+        return ElasticSpheres(modulus) if packing.dimension == 3 else LinearSpring(0.25 * math.pi * modulus)
+
+    def _dashpots(self) -> tuple[Restitution, ...]:
+        return (Restitution(self.restitution),) if self.restitution < 1.0 else ()
+
+    def _sliding(self) -> tuple[Friction, ...]:
+        if not self.friction > 0.0:
+            return ()
+        across: Any = DampingRatio(1.0) if self.restitution < 1.0 else 0.0
+        return (Friction(self.friction, Mindlin(self.poisson_ratio), across),)

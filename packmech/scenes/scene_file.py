@@ -70,7 +70,17 @@ import tomli_w
 
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
-from packmech.effects import ROUGHNESS, Bonds, DampingRatio, Mindlin, damps, law_of, registered_effects, registered_laws
+from packmech.effects import (
+    ROUGHNESS,
+    Bonds,
+    DampingRatio,
+    Mindlin,
+    Walls,
+    damps,
+    law_of,
+    registered_effects,
+    registered_laws,
+)
 from packmech.effects.materials import Material
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
@@ -97,6 +107,8 @@ from packmech.scenes.recipes import (
     is_random,
 )
 
+# fields of walls that a material gives
+_OF_MATERIAL = ("law", "damping", "friction")
 _TOP = ("description", "packing", "material", "effects", "drive")
 
 
@@ -330,11 +342,14 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     # each effect beside its place; bonds are made once the packing is there
     effects: list[Any] = []
     bonded: dict[int, dict[str, Any]] = {}
+    walls: dict[int, set[str]] = {}
     for k, table in enumerate(entries):
         with errors.kept():
             maker, values = read_fields(table, f"effects[{k}]", acting, nested, given=("packing",))
             if maker is bonds:
                 bonded[len(effects)] = values
+            if maker is Walls:
+                walls[len(effects)] = set(values)
             effects.append(None if maker is bonds else make(maker, values, f"effects[{k}]"))
     material = None
     with errors.kept():
@@ -362,6 +377,12 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     for k, values in bonded.items():
         effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
     if material is not None:
+        for k, given in walls.items():
+            # what a table of walls leaves open is the material's
+            one = effects[k]
+            place = {"packing": packing, "axis": one.axis, "low": one.low, "high": one.high}
+            made = make(material.walls, place, "material", FIELD_OF)
+            effects[k] = one._replace(**{name: getattr(made, name) for name in _OF_MATERIAL if name not in given})
         effects = [*make(material.effects, {"packing": packing}, "material", FIELD_OF), *effects]
     return Scene(packing, tuple(effects), drive)
 

@@ -34,10 +34,38 @@ def test_a_wall_is_a_rigid_plane_to_a_sphere():
     np.testing.assert_allclose(pm.forces(scene)[0], [0.0, 0.0, due], rtol=1e-9)
 
 
+STEEL = pm.Material(young_modulus=20.0, poisson_ratio=0.3, density=7.8, restitution=0.4, friction=0.9)
+
+
+@pytest.mark.parametrize("of", [GLASS, STEEL])
+def test_walls_are_thick_plates_of_their_material(of):
+    overlap = 1e-3
+    sphere = pm.Packing([[2.0, 2.0, 0.5 - overlap]], [0.5], pm.Box.cubic(4.0, 3))
+    floor = GLASS.walls(sphere, 2, 0.0, 3.5, of=of)
+    compliance = (1.0 - 0.22**2) / 7.0 + (1.0 - of.poisson_ratio**2) / of.young_modulus
+    a = math.sqrt(0.5 * overlap)
+    due = 4.0 / 3.0 / compliance * a * overlap
+    np.testing.assert_allclose(pm.forces(pm.Scene(sphere, (floor,)))[0, 2], due, rtol=1e-9)
+    # Mindlin: 8 G* a, 1/G* = (2 - nu_i)/G_i + (2 - nu_j)/G_j
+    shear = 1.0 / ((2.0 - 0.22) / GLASS.shear_modulus + (2.0 - of.poisson_ratio) / of.shear_modulus)
+    nu = floor.friction.stiffness.poisson_ratio
+    assert 2.0 * (1.0 - nu) / (2.0 - nu) * 2.0 / compliance * a == pytest.approx(8.0 * shear * a, rel=1e-12)
+    assert floor.damping.coefficient == pytest.approx(math.sqrt(0.9 * of.restitution))
+    assert floor.friction.coefficient == pytest.approx(math.sqrt(0.4 * of.friction))
+
+
+def test_a_ball_leaves_a_wall_of_its_material_with_the_restitution_of_both():
+    ball = pm.Packing([[2.0, 2.0, 1.0]], [0.5], pm.Box.cubic(4.0, 3), mass_n=[1.0])
+    material = pm.Material(young_modulus=100.0, poisson_ratio=0.2, restitution=0.6)
+    scene = pm.Scene(ball, (material.walls(ball, 2, 0.0, 3.5),))
+    run = pm.simulate(scene, duration=8.0, dt=2e-4, velocity_nd=[[0.0, 0.0, -0.1]], check=False)
+    assert run.velocity_nd[0, 2] == pytest.approx(0.06, rel=1e-3)
+
+
 def test_discs_are_cylinders_of_any_size_and_collisions_leave_what_the_material_says():
     packing = pm.random_packing(16, dimension=2, packing_fraction=0.9, seed=1)
     repulsion, dashpot, friction = GLASS.effects(packing)
-    assert repulsion.law == pm.LinearSpring(math.pi * 7.0 / (8.0 * (1.0 - 0.22**2)))
+    assert repulsion.law.stiffness == pytest.approx(math.pi * 7.0 / (8.0 * (1.0 - 0.22**2)), rel=1e-15)
     assert pm.coefficient_of_restitution((repulsion, dashpot), 1e-3, radii=(0.3, 2.0)) == pytest.approx(0.9, rel=1e-6)
     assert friction == pm.Friction(0.4, pm.Mindlin(0.22), pm.DampingRatio(1.0))
     assert pm.Material(7.0, 0.22).effects(packing) == (repulsion,)
@@ -74,6 +102,11 @@ friction = 0.4
     assert pm.read_scene(path).effects == (*scene.effects, pm.BackgroundDamping(0.1))
     pm.write_scene(scene, tmp_path / "again.toml")
     assert pm.read_scene(tmp_path / "again.toml") == scene
+    wall = '\n[[effects]]\nkind = "walls"\naxis = 2\nlow = -0.5\nhigh = 3.0\n'
+    path.write_text(text + wall)
+    assert pm.read_scene(path).effects[-1] == GLASS.walls(scene.packing, 2, -0.5, 3.0)
+    path.write_text(text + wall + "damping = 0.25\n")
+    assert pm.read_scene(path).effects[-1] == GLASS.walls(scene.packing, 2, -0.5, 3.0)._replace(damping=0.25)
     for wrong, said in (("poisson_ratio = 0.22", "poisson_ratio = 0.7"), ("friction", "fricton")):
         path.write_text(text.replace(wrong, said))
         with pytest.raises(ValueError, match=rf"material\.{said.split(' ')[0]}"):
