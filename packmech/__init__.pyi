@@ -410,7 +410,7 @@ from packmech.jit.compiled import kernel as kernel
 #: rattlers -> find_rattlers
 #: polymer, polymers, chains, beads_on_a_chain -> chain_packing, Links, bead_packing
 #: adhesion, pull_off, sticking -> JKR, DMT, ShortRangeAttraction
-#: effective_radius, curvature, hertz, hertz_mindlin, unequal_spheres -> ElasticSpheres, Hertz, Partners, Material
+#: effective_radius, curvature, hertz_mindlin, unequal_spheres -> ElasticSpheres, Hertz, Partners, Material
 #: gel, attraction, cohesion, wet, liquid_bridge -> ShortRangeAttraction, DMT, JKR, CapillaryBridge
 #: reaction, support, floor, weight -> contact_forces, wall_contacts
 #: plastic, plasticity, plastic_events, yielding -> quasistatic_shear, local_yield_stress
