@@ -42,6 +42,7 @@ def value_with_error(value: float, error: float, sign: str = "+-") -> str:
     # the place of the last digit that is written; an error of .96 is written as 1.0
     place = int(power) - (float(leading) < 3.55)
     if not 1e-5 < largest < 1e6:
+        error = round(error, -place)
         value_digits = max(0, math.floor(math.log10(abs(value))) - place) if value else 0
         error_digits = math.floor(math.log10(float(f"{error:.0e}"))) - place
         return f"{value:.{value_digits}e} {sign} {error:.{error_digits}e}"

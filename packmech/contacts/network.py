@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from packmech.calls.honors import ANY_LENGTH, honors
 from packmech.check import instance, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.contacts.excluded import Excluded
-from packmech.jit.compiled import kernel
+from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 from packmech.shapes import Discs
 
@@ -276,6 +276,12 @@ def distinct_pairs(
     return i[new], j[new], np.cumsum(first) - 1
 
 
+@device
+def effective_radius(radius: Any, other: Any) -> Any:
+    """Return r_i r_j / (r_i + r_j) of radii, or of arrays of them [length]."""
+    return radius * other / (radius + other)
+
+
 @kernel
 def _geometry(position_nd, radius_n, lattice_dd, i_c, j_c, image_cd):  # type: ignore[no-untyped-def]
     """Return normals, distances, sums and effective radii of the pairs, and whether no centers coincide."""
@@ -301,7 +307,7 @@ def _geometry(position_nd, radius_n, lattice_dd, i_c, j_c, image_cd):  # type: i
         length = safe * np.sqrt(square)
         distance[c] = length
         sigma[c] = radius_n[i] + radius_n[j]
-        effective[c] = radius_n[i] * radius_n[j] / sigma[c]
+        effective[c] = effective_radius(radius_n[i], radius_n[j])
         if largest > 0.0:
             for a in range(d):
                 normal[c, a] /= length

@@ -23,6 +23,7 @@ from packmech.contacts.network import (
     Candidates,
     Contacts,
     candidate_pairs,
+    effective_radius,
     find_contacts,
     gap_limit,
     overlapping_or_all,
@@ -88,10 +89,11 @@ class ShapeContacts:
 
     @property
     def effective_radius_c(self) -> NDArray[np.float64]:
-        """The (C,) values of r_i r_j / (r_i + r_j), of rigid bodies with the radii of the beads that touch [length]."""
+        """The (C,) values of r_i r_j / (r_i + r_j) of the beads that touch [length]; nan of ellipses and spheroids."""
+        if not self.shapes.has_beads:
+            return np.full(len(self), np.nan)
         radius_b = self.shapes.site_radius(self.radius_n)
-        one, other = radius_b[self.site_i_c], radius_b[self.site_j_c]
-        return np.asarray(one * other / (one + other))
+        return np.asarray(effective_radius(radius_b[self.site_i_c], radius_b[self.site_j_c]))
 
     @property
     def push_c(self) -> NDArray[np.float64]:

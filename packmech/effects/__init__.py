@@ -80,8 +80,8 @@ from packmech.effects.laws import (
     registered_laws,
 )
 from packmech.effects.pair import (
+    ContactLengths,
     ContactTerms,
-    Distances,
     Touches,
     TouchingPair,
     at_distances,
@@ -147,7 +147,7 @@ __all__ = [
     "ContactTerms",
     "DMT",
     "DampingRatio",
-    "Distances",
+    "ContactLengths",
     "DivergentRepulsion",
     "ElasticSpheres",
     "ExponentialTension",
@@ -285,5 +285,5 @@ def law_of(effects: tuple[Any, ...]) -> Any:
 
 
 def energy_scale_of(effects: tuple[Any, ...], length: float) -> float:
-    """Return the unit of energy that the repulsion sets: its energy_scale, or stiffness * length^2 [energy]."""
+    """Return the unit of energy that the repulsion sets, as of `law_scale` [energy]."""
     return law_scale(law_of(effects), length)

@@ -16,8 +16,9 @@ from packmech.check import finite_array, instance, integer_array, one_of, positi
 from packmech.contacts import Contacts, find_contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects.held import held_particles
-from packmech.effects.laws import Law, LinearSpring, is_law
+from packmech.effects.laws import Law, LinearSpring, is_law, law_first
 from packmech.effects.pair import bound_effect
+from packmech.effects.partners import equal_partners, feels_curvature
 from packmech.links import Links, named_rows
 from packmech.packing import Packing, images_between
 
@@ -208,12 +209,32 @@ class Bonds:
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         for name in ("compression", "tension"):
-            if not is_law(getattr(self, name)):
-                raise TypeError(f"{name} must be a law such as LinearSpring(...), got {getattr(self, name)!r}")
+            one = getattr(self, name)
+            if not is_law(one):
+                raise TypeError(f"{name} must be a law such as LinearSpring(...), got {one!r}")
+            if feels_curvature(one):
+                raise ValueError(
+                    f"{name} must be a law of the distance and the rest length, as bonds have no effective radius, got "
+                    f"{one!r}"
+                )
+        self._check_tension()
         for name in ("tangential_stiffness", "damping", "tangential_damping"):
             object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0))
         if self.breaks_at is not None:
             self._check_limits(order)
+
+    def _check_tension(self) -> None:
+        """Refuse a law of the tension that holds below its contact distance alone."""
+        for rest in (float(self.rest_length_b.min()), float(self.rest_length_b.max())) if len(self) else ():
+            try:
+                force = float(law_first(self.tension, 1.1 * rest, equal_partners(rest)))
+            except (ArithmeticError, ValueError):
+                force = math.nan
+            if not math.isfinite(force):
+                raise ValueError(
+                    "tension must be a law that holds beyond the rest length, such as LinearSpring(...) or "
+                    f"ExponentialTension(...), got {self.tension!r}"
+                )
 
     def _check_limits(self, order_b: NDArray[np.int64]) -> None:
         """Check the limits, and put those of single bonds in the order of the bonds."""

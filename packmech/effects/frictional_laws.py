@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from packmech.effects.laws import Law, LinearSpring, law, law_energy, law_first, law_second
-from packmech.effects.partners import Partners
+from packmech.effects.partners import Partners, passes_partners_on
 
 # below this slope a plateau's energy is a power series of the slope, as a quotient would lose its digits
 _FLAT = 1e-5
@@ -106,6 +106,7 @@ class DivergentRepulsion(NamedTuple):
 
 
 @law
+@passes_partners_on
 class PlateauRepulsion(NamedTuple):
     """Another law's force, with a plateau between two distances: sponge-like particles.
 

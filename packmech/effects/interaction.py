@@ -44,8 +44,8 @@ from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.effects.bonds import acting_contacts, bonds_of
 from packmech.effects.laws import law_energy, law_first, law_second
-from packmech.effects.pair import feels_curvature, hook_of
-from packmech.effects.partners import Partners, as_asked, equal_partners, pairs_of_sizes, told
+from packmech.effects.pair import hook_of
+from packmech.effects.partners import Partners, argument_of, as_asked, equal_partners, feels_curvature, pairs_of_sizes
 from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.jit.source_key import written_name
 from packmech.links import named_rows
@@ -113,10 +113,19 @@ def refuse_curvature_of_shapes(effects: tuple[Any, ...], packing: Packing) -> No
     """
     shapes = packing.shapes
     for k, one in enumerate(effects if shapes.has_orientations else ()):
-        if feels_curvature(one) and not remembers(one) and not (shapes.has_beads and not is_interaction(one)):
+        if not feels_curvature(one) or remembers(one):
+            continue
+        way = f"leave it out with scene.without(pm.{written_name(type(one))})"
+        if is_interaction(one):
+            raise ValueError(
+                f"effects must hold no {written_name(type(one))} for {shapes.names[1]}, as it acts between surfaces of "
+                f"discs or spheres about the centers, got {one!r} at {k}: {way}"
+            )
+        if not shapes.has_beads:
             raise ValueError(
                 f"effects must hold nothing that asks for effective radii for {shapes.names[1]}, whose curvature "
-                f"differs from place to place, got {written_name(type(one))} at {k}"
+                f"differs from place to place, got {one!r} at {k}: take a law of distances alone, such as pm.Hertz, or "
+                f"{way}"
             )
 
 
@@ -184,7 +193,7 @@ def _choose_remembered(effect: Any, distance: Any, partners: Any, memory: Any) -
         return lambda effect, distance, partners, memory: ()
     reach, hook, nothing = hook_of(effect, "reach"), hook_of(effect, "remember"), (0.0,) * memory_size(effect)
     assert reach is not None and hook is not None
-    at_reach, at_hook = told(effect.instance_class, "reach"), told(effect.instance_class, "remember")
+    at_reach, at_hook = (argument_of(effect.instance_class, name) for name in ("reach", "remember"))
     at_contact = begins_at_contact(effect)
 
     def numbers(effect, distance, partners, memory):  # type: ignore[no-untyped-def]
@@ -212,7 +221,10 @@ def _choose_remembered_energy(effect: Any, distance: Any, partners: Any, memory:
         return lambda effect, distance, partners, memory: 0.0
     reach, hook = hook_of(effect, "reach"), hook_of(effect, "interaction_energy")
     assert reach is not None and hook is not None
-    at_reach, at_hook = told(effect.instance_class, "reach"), told(effect.instance_class, "interaction_energy")
+    at_reach, at_hook = (
+        argument_of(effect.instance_class, "reach"),
+        argument_of(effect.instance_class, "interaction_energy"),
+    )
 
     def energy(effect, distance, partners, memory):  # type: ignore[no-untyped-def]
         return hook(effect, min(distance, reach(effect, at_reach(partners))), at_hook(partners), 1.0, memory)
@@ -272,7 +284,7 @@ def _choose_interaction_law(effect: Any, distance: Any, partners: Any, alignment
         # compiled in minimizers and batches, which refuse these effects by name
         return lambda effect, distance, partners, alignment: PairLaw(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     (reach, at_reach), (energy, at_energy), (firsts, at_first), (seconds, at_second) = (
-        (hook_of(effect, name), told(effect.instance_class, name))
+        (hook_of(effect, name), argument_of(effect.instance_class, name))
         for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
     )
 
@@ -296,7 +308,7 @@ def _choose_remembering_law(effect: Any, distance: Any, partners: Any, alignment
             effect, distance, partners, alignment
         )
     (reach, at_reach), (energy, at_energy), (firsts, at_first), (seconds, at_second) = (
-        (hook_of(effect, name), told(effect.instance_class, name))
+        (hook_of(effect, name), argument_of(effect.instance_class, name))
         for name in ("reach", "interaction_energy", "interaction_first", "interaction_second")
     )
     assert reach is not None and energy is not None and firsts is not None and seconds is not None
@@ -325,7 +337,10 @@ def _choose_remembering_slope(effect: Any, distance: Any, partners: Any, alignme
         return lambda effect, distance, partners, alignment, memory: 0.0
     reach, firsts = hook_of(effect, "reach"), hook_of(effect, "interaction_first")
     assert reach is not None and firsts is not None
-    at_reach, at_first = told(effect.instance_class, "reach"), told(effect.instance_class, "interaction_first")
+    at_reach, at_first = (
+        argument_of(effect.instance_class, "reach"),
+        argument_of(effect.instance_class, "interaction_first"),
+    )
     if not remembers(effect):
 
         def forgetful(effect, distance, partners, alignment, memory):  # type: ignore[no-untyped-def]

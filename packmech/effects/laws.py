@@ -25,13 +25,16 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 from packmech.effects.derivatives import check_continuity, check_derivatives, default_record, may_jump
-from packmech.effects.partners import Partners, as_asked, asks_for_partners, equal_partners, told
+from packmech.effects.partners import Partners, argument_of, as_asked, asks_for_partners, equal_partners
 from packmech.jit.compiled import compiled_form, compiled_methods, own_name, tell_apart
 from packmech.jit.source_key import written_name
 
 
 class Law(Protocol):
-    """What every law offers; distances are [length], `energy_scale` (or `stiffness`) is a field."""
+    """What every law offers; distances are [length], `energy_scale`, `stiffness` or `modulus` is a field.
+
+    The second argument is the contact distance, or the `Partners` where a method names it so.
+    """
 
     def energy(self, distance: float, contact_distance: Any, /) -> float:
         """Return the energy of a touching pair [energy]."""
@@ -156,7 +159,7 @@ def _chosen(numba_type: Any, name: str) -> Callable[..., float] | None:
     cls = getattr(numba_type, "instance_class", None)
     if cls not in _COMPILED:
         return None
-    method, contact = _COMPILED[cls][name], told(cls, name)
+    method, contact = _COMPILED[cls][name], argument_of(cls, name)
     return lambda law, distance, partners: method(law, distance, contact(partners))
 
 
@@ -318,6 +321,7 @@ class ElasticSpheres(NamedTuple):
     R = r_i r_j / (r_i + r_j); the force is (4/3) E sqrt(R) overlap^(3/2) (Johnson, Contact Mechanics (1985), equation
     4.23). `Hertz` is the same for spheres of one size, with the energy_scale (4/3) E sqrt(radius/2) (2 radius)^(5/2);
     of several sizes it is the law that the literature on jamming takes: energies depend on the relative overlap alone.
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

@@ -24,8 +24,7 @@ from packmech.effects.derivatives import (
     default_record,
     may_jump,
 )
-from packmech.effects.laws import is_law
-from packmech.effects.partners import Partners, as_asked, asks_for_partners, equal_partners, told
+from packmech.effects.partners import Partners, argument_of, as_asked, asks_for_partners, equal_partners
 from packmech.jit.compiled import compiled_form, compiled_methods, kernel, own_name, tell_apart
 from packmech.jit.source_key import written_name
 
@@ -257,16 +256,6 @@ def bound_effect(cls: E) -> E:
     return cls
 
 
-def feels_curvature(effect: Any) -> bool:
-    """Return whether an effect, or the law in it, asks for the effective radius of the two particles."""
-    within = [one for one in effect if is_law(one)] if isinstance(effect, tuple) else []
-    if within:
-        return any(feels_curvature(one) for one in within)
-    cls: Any = type(effect)
-    names = (*_HOOKS, "energy", "first", "second")
-    return any(asks_for_partners(cls, name) for name in names if inspect.isfunction(vars(cls).get(name)))
-
-
 def is_bound(value: object) -> bool:
     """Return whether the value is an effect with arrays of its own."""
     return is_effect(value) and not isinstance(value, tuple)
@@ -327,7 +316,7 @@ def _hook_at(effect: Any, name: str) -> Callable[..., float]:
     function = hook_of(effect, name)
     if function is None:
         return lambda effect, distance, partners: 0.0
-    contact = told(effect.instance_class, name)
+    contact = argument_of(effect.instance_class, name)
     return lambda effect, distance, partners: function(effect, distance, contact(partners))
 
 
@@ -402,7 +391,7 @@ class Touches(Protocol):
         ...
 
 
-class Distances(NamedTuple):
+class ContactLengths(NamedTuple):
     """The (C,) distances, contact distances and effective radii of contacts, and no more [length]."""
 
     distance_c: NDArray[np.float64]
@@ -410,14 +399,14 @@ class Distances(NamedTuple):
     effective_radius_c: NDArray[np.float64]
 
 
-def at_distances(touches: Touches, distance_c: NDArray[np.float64]) -> Distances:
+def at_distances(touches: Touches, distance_c: NDArray[np.float64]) -> ContactLengths:
     """Return the contacts at other distances."""
-    return Distances(distance_c, touches.contact_distance_c, touches.effective_radius_c)
+    return ContactLengths(distance_c, touches.contact_distance_c, touches.effective_radius_c)
 
 
-def equal_touches(distance_c: NDArray[np.float64], contact_distance_c: NDArray[np.float64]) -> Distances:
+def equal_touches(distance_c: NDArray[np.float64], contact_distance_c: NDArray[np.float64]) -> ContactLengths:
     """Return contacts of particles of one size, or with a mirror image: effective radii are a quarter of the others."""
-    return Distances(distance_c, contact_distance_c, 0.25 * contact_distance_c)
+    return ContactLengths(distance_c, contact_distance_c, 0.25 * contact_distance_c)
 
 
 class ContactTerms(NamedTuple):
@@ -491,7 +480,7 @@ def contact_terms(effects: tuple[Any, ...], touches: Touches, *, closing: bool =
     effects
         The scene's effects.
     touches
-        The contacts, or their (C,) distances, contact distances and effective radii: `Distances`.
+        The contacts, or their (C,) distances, contact distances and effective radii: `ContactLengths`.
     closing
         Give pairs that just touch, or are open, the derivatives of the closed side at contact (distance = contact
         distance). A lattice at its jamming point has the stiffness V''(1-) this way.

@@ -6,12 +6,15 @@ import functools
 import inspect
 import itertools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.network import effective_radius
 from packmech.jit.compiled import device
+
+C = TypeVar("C", bound=type)
 
 
 class Partners(NamedTuple):
@@ -26,7 +29,8 @@ class Partners(NamedTuple):
         Distance of the centers at which they would just touch, the sum of the radii [length].
     effective_radius
         R = r_i r_j / (r_i + r_j) [length]; of rigid bodies with the radii of the beads that touch, of a wall, which is
-        touched as an equal particle is, half the radius.
+        touched as an equal particle is, half the radius. nan of ellipses and spheroids, whose curvature differs from
+        place to place.
 
     """
 
@@ -44,7 +48,7 @@ def partners_of(radius: float, other: float) -> Partners:
     Partners(contact_distance=2.0, effective_radius=0.375)
 
     """
-    return Partners(radius + other, radius * other / (radius + other))
+    return Partners(radius + other, effective_radius(radius, other))
 
 
 @device
@@ -72,13 +76,33 @@ def asks_for_partners(cls: Any, name: str) -> bool:
     return "partners" in inspect.signature(getattr(cls, name)).parameters
 
 
+# classes that hand partners to a law in them and ask for nothing themselves
+_PASSING: set[type] = set()
+
+
+def passes_partners_on(cls: C) -> C:
+    """Return the class of a law or an effect, which asks for partners only to hand them to a law in it."""
+    _PASSING.add(cls)
+    return cls
+
+
+def feels_curvature(record: Any) -> bool:
+    """Return whether a law or an effect, or one in it, asks for the effective radius of the two particles."""
+    cls: Any = type(record)
+    asks = cls not in _PASSING and any(
+        asks_for_partners(cls, name) for name, method in vars(cls).items() if inspect.isfunction(method)
+    )
+    within = record if isinstance(record, tuple) else ()
+    return asks or any(feels_curvature(one) for one in within if isinstance(one, tuple))
+
+
 def as_asked(record: Any, name: str, partners: Partners) -> Any:
     """Return the partners, or their contact distance alone, as a method of a law or an effect asks for."""
     cls: Any = type(record)
     return partners if asks_for_partners(cls, name) else partners.contact_distance
 
 
-def told(cls: Any, name: str) -> Callable[[Any], Any]:
+def argument_of(cls: Any, name: str) -> Callable[[Any], Any]:
     """Return the compiled function that makes of partners what a method asks for."""
     return _whole if cls is not None and asks_for_partners(cls, name) else _contact_distance
 

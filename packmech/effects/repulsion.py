@@ -6,10 +6,11 @@ from typing import NamedTuple
 
 from packmech.effects.laws import Harmonic, Law, law_energy, law_first, law_second
 from packmech.effects.pair import effect
-from packmech.effects.partners import Partners
+from packmech.effects.partners import Partners, passes_partners_on
 
 
 @effect
+@passes_partners_on
 class Repulsion(NamedTuple):
     """Touching particles repel along the line of centers by the given law.
 

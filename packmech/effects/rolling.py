@@ -58,6 +58,7 @@ class ConstantRolling(NamedTuple):
     rate down to coefficient * F_n / damping, then exponentially, and never turns round. Nothing is remembered, and
     nothing is held at rest: under a steady load below the limit contacts creep at the velocity load / damping, where
     `RollingResistance` holds them.
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------
@@ -96,6 +97,7 @@ class ViscousRolling(NamedTuple):
     Model B of Ai, Chen, Rotter and Ooi (Powder Technol. 206 (2011) 269): with the rolling velocity v =
     a (w_j - w_i) x n and the arm a of `RollingResistance` the force is coefficient * F_n v, without a limit; it turns i
     by a n x f and j by the opposite. What rolls freely loses its speed exponentially. At rest it is zero.
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

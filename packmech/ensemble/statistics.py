@@ -408,6 +408,10 @@ def crossover_warning(ensemble: Ensemble, name: str, over: str) -> str:
     )
 
 
+# of energies in the overlap, where it is not 2
+_EXPONENTS = {"hertz": 2.5, "elastic-spheres": 2.5}
+
+
 def _exponent_of_contacts(ensemble: Ensemble) -> float | None:
     """Return the exponent of the energy in the overlap, 2 where it is not known; None where friction changes the rule.
 
@@ -418,8 +422,11 @@ def _exponent_of_contacts(ensemble: Ensemble) -> float | None:
     if "material" in scene or any(one["kind"] == "friction" for one in effects):
         return None
     law = next((one.get("law") for one in effects if one["kind"] == "repulsion"), None)
+    # near contact a law of another one is that
+    while isinstance(law, Mapping) and "law" in law:
+        law = law["law"]
     kind, given = (law.get("kind"), law) if isinstance(law, Mapping) else (law, {})
-    return float(given.get("exponent", 2.0)) if kind == "power-law" else {"hertz": 2.5}.get(str(kind), 2.0)
+    return float(given.get("exponent", 2.0)) if kind == "power-law" else _EXPONENTS.get(str(kind), 2.0)
 
 
 def series_of(found: GroupStatistics, over: str) -> list[tuple[str, NDArray[np.int64]]]:

@@ -208,8 +208,8 @@ def _shape(shapes, i):
 @inlined
 def _touch_of_spheroids(shapes, i, j, k, dx, dy, dz, d):
     one, other = _shape(shapes, i), _shape(shapes, j)
-    partners = partners_of(shapes.radius_n[i], shapes.radius_n[j])
-    sigma, effective = partners.contact_distance, partners.effective_radius
+    # no one radius stands for the curvature of these
+    sigma, effective = shapes.radius_n[i] + shapes.radius_n[j], np.nan
     pair = pair_of(dx, dy, dz, one, other, d)
     # F is nowhere larger than at its root: where it is 1 or more half way, the two are apart; few others are
     if height(pair, 0.5) >= 1.0:

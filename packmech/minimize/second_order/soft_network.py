@@ -16,7 +16,7 @@ from packmech.contacts.elements import elements_of, sum_slopes
 from packmech.contacts.network import Candidates, distance_change
 from packmech.contacts.pairs import list_pairs, measure_pairs, search_pairs
 from packmech.effects import (
-    Distances,
+    ContactLengths,
     Touches,
     at_distances,
     contact_terms,
@@ -68,7 +68,9 @@ class Units:
     def terms(self, touches: Touches, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return du/dr and d2u/dr2 of the contacts; where they are apart, zero or the values of the closed side."""
         columns = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
-        terms = contact_terms(self.effects, Distances(*(self.length * column for column in columns)), closing=closing)
+        terms = contact_terms(
+            self.effects, ContactLengths(*(self.length * column for column in columns)), closing=closing
+        )
         return terms.first_c * (self.length / self.energy), terms.second_c * (self.length**2 / self.energy)
 
     def smoothed(self, touches: Touches, width: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -483,7 +485,7 @@ def energy_change(
     exact, before, after = distance_change(vector_cd, change_cd)
     sigma, radius = touches.contact_distance_c, touches.effective_radius_c
     either = (before < sigma) | (after < sigma) | (width > 0.0)
-    pairs = Distances(before[either], sigma[either], radius[either])
+    pairs = ContactLengths(before[either], sigma[either], radius[either])
     return energy_between(pairs, after[either], exact[either], first, width)
 
 
