@@ -154,3 +154,57 @@ def test_an_effect_of_a_users_is_told_the_effective_radius():
     assert pm.forces(scene)[1, 0] == pytest.approx(0.1 * (0.5 / 1.5) * 0.1, rel=1e-12)
     plateau = scene.replace(effects=(pm.Repulsion(pm.PlateauRepulsion(law=LAW)),))
     assert pm.forces(plateau)[1, 0] == pytest.approx(force_of(0.1, 0.5, 1.0), rel=1e-12)
+
+
+@pm.law
+class Within(NamedTuple):
+    """A law that holds another one, and feels curvature itself."""
+
+    law: pm.Harmonic = pm.Harmonic()
+
+    def energy(self, distance, partners):
+        return partners.effective_radius * (partners.contact_distance - distance) ** 2
+
+    def first(self, distance, partners):
+        return -2.0 * partners.effective_radius * (partners.contact_distance - distance)
+
+    def second(self, distance, partners):
+        return 2.0 * partners.effective_radius
+
+
+@pytest.mark.parametrize("effect", [Curved(), pm.Repulsion(Within()), pm.Walls(1, 0.0, 9.0, LAW)], ids=repr)
+def test_ellipses_are_refused_wherever_in_a_record_the_effective_radius_is_asked_for(effect):
+    ellipses = pm.random_packing(6, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(1.5), seed=1)
+    with pytest.raises(ValueError, match=r"effective radii for ellipses, .*pm\.Hertz"):
+        pm.Scene(ellipses, (pm.Repulsion(), effect))
+    plain = pm.Scene(ellipses, (pm.Repulsion(pm.PlateauRepulsion(law=pm.Hertz())),))
+    assert len(plain.effects) == 1
+
+
+@pytest.mark.parametrize("name", ["compression", "tension"])
+def test_bonds_have_no_effective_radius(name):
+    with pytest.raises(ValueError, match=rf"{name} must be a law of the distance and the rest length.*ElasticSpheres"):
+        pm.Bonds([0], [1], [[0, 0]], [1.0], **{name: LAW})
+
+
+@pytest.mark.parametrize("law", [pm.Hertz(), pm.PowerLaw(1.0, 2.5)], ids=repr)
+def test_the_tension_of_a_bond_must_hold_beyond_its_rest_length(law):
+    with pytest.raises(ValueError, match="tension must be a law that holds beyond the rest length"):
+        pm.Bonds([0], [1], [[0, 0]], [1.0], tension=law)
+
+
+@pytest.mark.parametrize(
+    ("effect", "force"),
+    [
+        (pm.DMT(0.01, 0.02, 7.0), 2.0 * math.pi * 0.01 * 0.375),
+        (pm.CapillaryBridge(1e-3, 0.01), 4.0 * math.pi * 0.375 * 0.01),
+    ],
+    ids=repr,
+)
+def test_the_pull_of_unequal_spheres_at_contact_is_that_of_their_effective_radius(effect, force):
+    place = np.array([[5.0, 5.0, 5.0], [7.0 - 1e-9, 5.0, 5.0]])
+    packing = pm.Packing(place, [0.5, 1.5], pm.Box.cubic(20.0, 3), mass_n=[1.0, 1.0])
+    scene = pm.Scene(packing, (pm.Repulsion(), effect))
+    assert pm.forces(scene)[0, 0] == pytest.approx(force, rel=1e-6)
+    run = pm.simulate(scene, steps=1, dt=1e-6, method=pm.SemiImplicitEuler(), check=False)
+    assert run.velocity_nd[0, 0] == pytest.approx(1e-6 * force, rel=1e-6)

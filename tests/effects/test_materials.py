@@ -75,9 +75,10 @@ def test_shapes_whose_curvature_differs_from_place_to_place_are_refused_by_name(
     flat = pm.random_packing(8, dimension=2, packing_fraction=0.5, shapes=pm.Ellipses(1.5), seed=1)
     with pytest.raises(ValueError, match="packing must be of discs or spheres"):
         GLASS.effects(flat)
-    for effects in ((pm.Repulsion(pm.ElasticSpheres()),), (pm.Repulsion(), pm.DMT())):
-        with pytest.raises(ValueError, match=r"asks for effective radii for .*llipse.*, whose curvature"):
-            pm.Scene(flat, effects)
+    with pytest.raises(ValueError, match=r"asks for effective radii for ellipses, whose curvature"):
+        pm.Scene(flat, (pm.Repulsion(pm.ElasticSpheres()),))
+    with pytest.raises(ValueError, match=r"must hold no DMT for ellipses.*scene\.without\(pm\.DMT\)"):
+        pm.Scene(flat, (pm.Repulsion(), pm.DMT()))
 
 
 def test_scene_files_have_a_table_for_it(tmp_path):
