@@ -188,16 +188,16 @@ def at_normal_force(resistance: Rolling | TwistingResistance, normal: Any) -> Ro
     return resistance
 
 
-def rolling_of(effects: tuple[Any, ...]) -> RollingResistance | None:
+def rolling_spring_of(effects: tuple[Any, ...]) -> RollingResistance | None:
     """Return the spring against rolling among the effects; None without, and where its coefficient is 0.
 
-    Dashpots, which do nothing at rest, are left out: see `resisting_rolling`.
+    Dashpots, which do nothing at rest, are left out: see `rolling_of`.
     """
-    found = resisting_rolling(effects)
+    found = rolling_of(effects)
     return found if isinstance(found, RollingResistance) else None
 
 
-def resisting_rolling(effects: tuple[Any, ...]) -> Rolling | None:
+def rolling_of(effects: tuple[Any, ...]) -> Rolling | None:
     """Return what resists rolling among the effects; None without, and where its coefficient is 0."""
     return next((one for one in effects if isinstance(one, Rolling) and one.coefficient > 0.0), None)
 
@@ -234,7 +234,7 @@ def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
 
 def roughness_of(effects: tuple[Any, ...]) -> Friction | RoughContacts | None:
     """Return what acts across contacts: the friction alone, or with what resists rolling and twisting; None without."""
-    friction, rolling, twisting = friction_of(effects), resisting_rolling(effects), twisting_of(effects)
+    friction, rolling, twisting = friction_of(effects), rolling_of(effects), twisting_of(effects)
     if rolling is None and twisting is None:
         return friction
     return RoughContacts(friction or Friction(0.0), rolling, twisting)
