@@ -8,6 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import packmech as pm
+from packmech.dynamics.energy_drift import is_frictional
+from packmech.mechanics.complex_modulus import _touching as touching_elements
 
 STIFF = 1e3
 SPRING = pm.Repulsion(pm.LinearSpring(1.0))
@@ -208,6 +210,45 @@ def test_complex_moduli_have_the_dashpots_that_small_oscillations_have(rolling):
     run = pm.oscillatory_shear(scene, amplitude=1e-7, frequency=0.2, periods=24, skip_periods=22, pre_periods=0)
     found = complex(run.moduli.storage, run.moduli.loss)
     assert abs(found - due) < 1e-4 * abs(due) and abs(without - due) > 1e-3 * abs(due)
+
+
+@pm.effect
+class Pull(NamedTuple):
+    """A spring that pulls particles that touch together."""
+
+    strength: float = 1.0
+
+    def pair_energy(self, distance, contact_distance):
+        return -0.5 * self.strength * (contact_distance - distance) ** 2
+
+    def pair_first(self, distance, contact_distance):
+        return self.strength * (contact_distance - distance)
+
+    def pair_second(self, distance, contact_distance):
+        return -self.strength
+
+
+@pytest.mark.parametrize("strength", [0.0, 2.0])
+def test_a_contact_that_pulls_resists_rolling_as_one_that_pushes(strength):
+    packing = pm.Packing([[2.0, 2.0], [2.9, 2.0]], [0.5, 0.5], pm.Box.cubic(6.0, 2))
+    scene = pm.Scene(packing, (SPRING, Pull(strength), pm.ViscousRolling(3.0)))
+    _, dashpots = touching_elements(scene, pm.find_contacts(packing), 1.0 / packing.mass_n)
+    assert dashpots[1].stiffness_cxx[0, -1, -1] == pytest.approx(0.225**2 * 3.0 * 0.1, rel=1e-12)
+    assert pm.contact_dissipation(scene, np.zeros((2, 2)), [[1.0], [-1.0]]).by_channel["rolling"] > 0.0
+
+
+def test_dashpots_are_no_springs_that_give_way_and_no_friction_to_leave_out():
+    scene = pm.Scene(pm.lattice_packing("triangular", repeats=(3, 3)), (SPRING,))
+    for one in FORMS:
+        assert not is_frictional(scene.replace(effects=(SPRING, one)))
+    for one in (pm.Friction(0.5), pm.RollingResistance(0.1)):
+        assert is_frictional(scene.replace(effects=(SPRING, one)))
+    linked = pm.cluster_packing(6, pm.Trimer(), dimension=2, packing_fraction=0.3, seed=1)
+    with pytest.raises(ValueError, match=r"method must be .*, for a packing with links or shapes, got HardVertex"):
+        pm.jam(pm.Scene(linked, (SPRING, FORMS[0])), method=pm.HardVertex())
+    spring = pm.Scene(scene.packing, (SPRING, pm.RollingResistance()))
+    with pytest.raises(ValueError, match=r"leave friction out with scene.without\(pm.RollingResistance\)"):
+        pm.jam(spring, method=pm.HardVertex())
 
 
 def test_grains_at_rest_on_a_rough_floor_that_only_damps_rolling_are_those_of_one_without():
