@@ -376,7 +376,7 @@ def stiffening(packing: Packing) -> tuple[float, float]:
 
 
 def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float) -> list[Any]:
-    """Return a friction as it is at contacts of the smallest and of the largest particles, barely and deep.
+    """Return a friction as it is at contacts of the smallest, mean and largest particles, barely and deep.
 
     The same for all where its stiffness and dashpot are numbers.
     """

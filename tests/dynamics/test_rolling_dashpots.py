@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 import packmech as pm
 from packmech.dynamics.energy_drift import is_frictional
+from packmech.dynamics.stability import growth
 from packmech.mechanics.complex_modulus import _touching as touching_elements
 
 STIFF = 1e3
@@ -85,6 +86,27 @@ def test_a_time_step_that_is_chosen_turns_no_spin_round(dimension):
     assert np.all(np.diff(seen) <= 0.0) and min(seen) >= -1e-18 and seen[-1] < 1e-12
     with pytest.raises(pm.NotConverged, match="resistance of a contact to rolling or twisting is unstable above"):
         pm.simulate(scene, steps=1, dt=1.0, spin_nk=spin)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("rolling", [pm.ConstantRolling(1.0, 1.0), pm.RollingResistance(1.0, 1.0)])
+def test_a_time_step_is_refused_where_a_contact_of_two_sizes_rolls_unstably(dimension, rolling):
+    """v' = -a^2 (1/I_i + 1/I_j) f with a = .5 * 2 / 2.5."""
+    place = np.full((2, dimension), 4.0)
+    place[1, 0] += 2.4
+    packing = pm.Packing(place, [0.5, 2.0], pm.Box.cubic(12.0, dimension))
+    rate = 0.4**2 * sum(1.0 / inertia(dimension, *one) for one in zip(packing.mass_n, packing.radius_n, strict=True))
+    scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring(0.1)), rolling))
+    how = {"steps": 1, "check": False, "spin_nk": np.full((2, 1 if dimension == 2 else 3), 1e-3)}
+    for part in (1.5, 4.0):
+        refused = pm.simulate(scene, dt=part * (1.0 / rate if rolling.damping else 2.0 / math.sqrt(rate)), **how)
+        assert refused.outcome is pm.Outcome.STEP_TOO_LONG
+        longest = refused.unmet[0].asked
+        kind = {"tangential": True, "second_order": True, "lead": 0.0 if rolling.damping else 0.35}
+        limit = growth(rate * longest**2 * rolling.stiffness, rate * longest * rolling.damping, **kind)
+        assert limit == pytest.approx(1.1, rel=1e-6)
+    assert pm.simulate(scene, dt=0.9 * longest, **how).outcome is pm.Outcome.FINISHED
+    assert pm.simulate(scene, **how).dt < 0.1 * longest
 
 
 def test_below_its_limit_a_slope_makes_what_constant_resistance_does_not_hold_creep():
