@@ -394,7 +394,8 @@ def resistance_at_contacts(
 ) -> list[RollingResistance | TwistingResistance]:
     """Return what resists rolling or twisting as it is (`at_normal_force`) at the contacts of `frictions_at_contacts`.
 
-    The same for all where it does not depend on the normal force.
+    The same for all where it does not depend on the normal force. That of deep contacts bounds it, and not that of the
+    present ones: what watches runs (`energy_drift`) does not find all that a force which grows makes unstable.
     """
     if not isinstance(resistance, ViscousRolling):
         return [at_normal_force(resistance, 0.0)]

@@ -97,6 +97,13 @@ class ViscousRolling(NamedTuple):
     a (w_j - w_i) x n and the arm a of `RollingResistance` the force is coefficient * F_n v, without a limit; it turns i
     by a n x f and j by the opposite. What rolls freely loses its speed exponentially. At rest it is zero.
 
+    Time steps that are not given are chosen for contacts, of walls too, pressed by a tenth of the contact distance: F_n
+    there grows with the stiffness, and where contacts bear little beside it, such as the weight of stiff particles, the
+    step may be hundreds of times shorter than it need be. No check in the course of a run finds every step that is too
+    long for a normal force that grows, so none is chosen by that of the start. Calls that take `dt` are given one: with
+    F_n the largest to come, dt times coefficient F_n a^2 (1/I_i + 1/I_j), I the moments of inertia, is to be well below
+    1, and a twentieth is what is chosen for other dashpots; that of the scene without this effect is the longest.
+
     Parameters
     ----------
     coefficient

@@ -62,6 +62,17 @@ def test_viscous_resistance_takes_the_speed_of_what_rolls_on_a_floor_exponential
     assert np.diff(np.log(ends)) / -2.0 == pytest.approx([rate, rate], rel=2e-4)
 
 
+def test_a_step_for_the_weight_is_as_good_as_the_shorter_one_that_is_chosen_for_deep_contacts():
+    scene, arm = on_floor(2, pm.ViscousRolling(2.0), overlap=1e-4)
+    floor, weight = scene.effects
+    longest = pm.simulate(scene.replace(effects=(floor._replace(rolling=None), weight)), steps=1).dt
+    # of a particle on a wall F_n is its weight, and a its arm
+    assert longest * 2.0 * 2.0 * STIFF * 1e-4 * arm**2 / inertia(2) < 0.05
+    chosen, given = (rolled(scene, arm, 0.05, duration=4.0, **how) for how in ({}, {"dt": longest}))
+    assert chosen.dt < 0.2 * given.dt and 0.0 < given.velocity_nd[0, 0] < 0.03
+    assert given.velocity_nd[0, 0] == pytest.approx(chosen.velocity_nd[0, 0], rel=1e-3)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_what_constant_resistance_stops_stays_at_rest(dimension):
     scene, arm = on_floor(dimension, pm.ConstantRolling(0.01, 20.0))
