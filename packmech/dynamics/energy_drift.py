@@ -26,6 +26,7 @@ from packmech.effects import (
     resistances,
     rough_walls,
     roughness_of,
+    springs_of,
 )
 from packmech.scene import Scene
 
@@ -96,7 +97,8 @@ def largest_held(scene: Scene) -> float:
 
 def is_frictional(scene: Scene) -> bool:
     """Whether contacts of a scene, or its walls, have springs that give way."""
-    return roughness_of(scene.effects) is not None or bool(rough_walls(scene.effects))
+    rough = (roughness_of(scene.effects), *(one.roughness for one in rough_walls(scene.effects)))
+    return any(one.coefficient > 0.0 for each in rough for one in resistances(springs_of(each)))
 
 
 def pace_of_held(scene: Scene) -> float:

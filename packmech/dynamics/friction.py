@@ -376,7 +376,7 @@ def stiffening(packing: Packing) -> tuple[float, float]:
 
 
 def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float) -> list[Any]:
-    """Return a friction as it is at contacts of the smallest and of the largest particles, barely and deep.
+    """Return a friction as it is at contacts of the smallest, mean and largest particles, barely and deep.
 
     The same for all where its stiffness and dashpot are numbers.
     """
@@ -394,7 +394,8 @@ def resistance_at_contacts(
 ) -> list[RollingResistance | TwistingResistance]:
     """Return what resists rolling or twisting as it is (`at_normal_force`) at the contacts of `frictions_at_contacts`.
 
-    The same for all where it does not depend on the normal force.
+    The same for all where it does not depend on the normal force. That of deep contacts bounds it, and not that of the
+    present ones: what watches runs (`energy_drift`) does not find all that a force which grows makes unstable.
     """
     if not isinstance(resistance, ViscousRolling):
         return [at_normal_force(resistance, 0.0)]

@@ -50,7 +50,7 @@ from packmech.dynamics.observables import (
     tensors,
 )
 from packmech.dynamics.pair_forces import Touching, touching_of
-from packmech.effects import Bonds
+from packmech.effects import Bonds, held_particles
 from packmech.files.records import from_table, kinds_of, to_table
 from packmech.jit.compiled import compiling_noted
 from packmech.jit.interrupts import held_interrupts
@@ -186,7 +186,7 @@ class Simulation(Run):
     strain
         gamma of the box at the end [1]; `packing` has the box as it is then.
     held_n
-        (N,) who was held, if anybody was.
+        (N,) who was held, by the call or by the scene (`FixedParticles`); None where nobody was.
     bonds
         The bonds at the end; None in a scene without.
     broken_bonds
@@ -258,17 +258,20 @@ class Simulation(Run):
         return numbers
 
     def _speeds(self) -> dict[str, Any]:
-        """Return how fast what is not held moves at the end, by name: of a single particle its velocity, too."""
-        velocity_nd = self.velocity_nd if self.held_n is None else self.velocity_nd[~self.held_n]
-        moving_nd = velocity_nd[velocity_nd.any(axis=1)]
-        if not len(moving_nd):
+        """Return how fast what is not held moves at the end, by name: of a single particle which, and its velocity."""
+        moving_n = self.velocity_nd.any(axis=1)
+        if self.held_n is not None:
+            moving_n &= ~self.held_n
+        number_m = np.flatnonzero(moving_n)
+        if not len(number_m):
             return {}
-        square_n = (moving_nd**2).sum(axis=1)
+        square_m = (self.velocity_nd[number_m] ** 2).sum(axis=1)
+        alone = {"moving_particle": int(number_m[0]), "velocity": self.velocity_nd[number_m[0]].tolist()}
         return {
-            "moving": len(moving_nd),
-            "root_mean_square_speed": float(np.sqrt(square_n.mean())),
-            "largest_speed": float(np.sqrt(square_n.max())),
-            **({"velocity": moving_nd[0].tolist()} if len(moving_nd) == 1 else {}),
+            "moving": len(number_m),
+            "root_mean_square_speed": float(np.sqrt(square_m.mean())),
+            "largest_speed": float(np.sqrt(square_m.max())),
+            **(alone if len(number_m) == 1 else {}),
         }
 
     def _speed_rows(self, numbers: Mapping[str, Any]) -> list[Row]:
@@ -279,6 +282,8 @@ class Simulation(Run):
         if "kinetic_energy" in numbers:
             note += f"; kinetic energy {numbers['kinetic_energy']:.6g} [energy]"
         if "velocity" in numbers:
+            if numbers["particles"] > 1:
+                note = f"of particle {numbers['moving_particle']}, the only one that is not held and moves, {note}"
             return [("velocity", "  ".join(f"{entry:.6g}" for entry in numbers["velocity"]), note)]
         note = (
             f"root mean square of the {numbers['moving']} that move, {numbers['largest_speed']:.6g} the largest, {note}"
@@ -810,13 +815,19 @@ class SimulationTask:
             tension_l=self.tension_l,
             spin_nk=self.spin_nk,
             strain=float(last[STRAIN]),
-            held_n=settings.held_n,
+            held_n=self._held(),
             **bonds_at(self.engine, self.reached),
             ledger=ledger_of(self.engine),
             unmet=unmet_conditions(
                 outcome, *self.engine.limits(), Condition("steps", self.reached, settings.steps, 0.0)
             ),
         )
+
+    def _held(self) -> NDArray[np.bool_] | None:
+        """Return who is held, by the call or by the scene; None where nobody is."""
+        fixed = held_particles(self.scene.effects, self.scene.packing.particles)
+        asked = self.settings.held_n
+        return fixed if asked is None else asked if fixed is None else asked | fixed
 
     def _packing(self, *, final: bool = False) -> Packing:
         """Return the packing that was kept last; the one at the end with its tangential displacements."""

@@ -54,7 +54,8 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
     """Return the motions of one contact, one bond and one particle that a scene is sure to have, if it has any.
 
     A contact is that of the lightest with the heaviest particle: whatever the lightest one touches is no heavier, and
-    further contacts only add stiffness and damping. Shapes count as not turning, and normal contacts of shapes, and
+    further contacts only add stiffness and damping. What resists rolling and twisting is that of the lightest with the
+    partner with which it turns most slowly. Shapes count as not turning, and normal contacts of shapes, and
     all contacts of linked particles, are left out: their inertia and stiffness depend on where they touch.
 
     Parameters
@@ -82,12 +83,9 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
             sticking = min(one.stiffness for one in there), min(one.damping for one in there), turned * pair
             found.append(LoneMotion("the friction of a contact", *sticking, True))
         for one in resistances(roughness_of(scene.effects))[1:]:
-            # the square of the shortest reduced arm over r, over each moment of inertia
-            radius_n = packing.radius_n
-            arm = float(radius_n.min() / (radius_n.min() + radius_n.max()))
             there = resistance_at_contacts(scene, one, 2.0 / pair)
             stuck = min(each.stiffness for each in there), min(each.damping for each in there)
-            rolling = *stuck, arm**2 * (turned - 1.0) * pair
+            rolling = *stuck, (turned - 1.0) * _slowest_rolling(packing.radius_n, inverse_mass_n)
             found.append(LoneMotion("the resistance of a contact to rolling or twisting", *rolling, True))
     lightest = float(free_n.max())
     at_walls = [] if packing.links else resistances_at_walls(scene, 1.0 / lightest)
@@ -112,10 +110,23 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
     return found
 
 
-def _normal(scene: Scene, pairs: list[object], mass: float) -> list[tuple[float, float]]:
-    """Return the spring and the dashpot of contacts of the smallest and of the largest particles, barely and deep.
+def _slowest_rolling(radius_n: NDArray[np.float64], inverse_mass_n: NDArray[np.float64]) -> float:
+    """Return the smallest (a/r_i)^2 / m_i + (a/r_j)^2 / m_j that a contact of the lightest particle may have [1/mass].
 
-    The reduced mass is that of the lightest pair.
+    a = r_i r_j / (r_i + r_j) is the arm of rolling and twisting; times m r^2 / I it is a^2 (1/I_i + 1/I_j). Of a
+    lightest and smallest one it is from 1/(2 m_i), with a partner of its size, to 1/m_i, with one much larger.
+    """
+    lightest = int(inverse_mass_n.argmax())
+    share_j = np.delete(radius_n, lightest)
+    share_j = share_j / (share_j + radius_n[lightest])
+    rolling_j = share_j**2 * inverse_mass_n[lightest] + (1.0 - share_j) ** 2 * np.delete(inverse_mass_n, lightest)
+    return float(rolling_j.min())
+
+
+def _normal(scene: Scene, pairs: list[object], mass: float) -> list[tuple[float, float]]:
+    """Return springs and dashpots of contacts of the smallest, mean and largest particles, each with each.
+
+    Barely touching and pressed deep. The reduced mass is that of the lightest pair.
     """
     found, beyond = [], interactions_of(scene.effects)
     for partners in pairs_of_sizes(scene.packing.radius_n):

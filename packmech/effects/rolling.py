@@ -99,6 +99,13 @@ class ViscousRolling(NamedTuple):
     by a n x f and j by the opposite. What rolls freely loses its speed exponentially. At rest it is zero.
     Its numbers are checked when a `Scene` is made with it.
 
+    Time steps that are not given are chosen for contacts, of walls too, pressed by a tenth of the contact distance: F_n
+    there grows with the stiffness, and where contacts bear little beside it, such as the weight of stiff particles, the
+    step may be hundreds of times shorter than it need be. No check in the course of a run finds every step that is too
+    long for a normal force that grows, so none is chosen by that of the start. Calls that take `dt` are given one: with
+    F_n the largest to come, dt times coefficient F_n a^2 (1/I_i + 1/I_j), I the moments of inertia, is to be well below
+    1, and a twentieth is what is chosen for other dashpots; that of the scene without this effect is the longest.
+
     Parameters
     ----------
     coefficient
@@ -190,16 +197,16 @@ def at_normal_force(resistance: Rolling | TwistingResistance, normal: Any) -> Ro
     return resistance
 
 
-def rolling_of(effects: tuple[Any, ...]) -> RollingResistance | None:
+def rolling_spring_of(effects: tuple[Any, ...]) -> RollingResistance | None:
     """Return the spring against rolling among the effects; None without, and where its coefficient is 0.
 
-    Dashpots, which do nothing at rest, are left out: see `resisting_rolling`.
+    Dashpots, which do nothing at rest, are left out: see `rolling_of`.
     """
-    found = resisting_rolling(effects)
+    found = rolling_of(effects)
     return found if isinstance(found, RollingResistance) else None
 
 
-def resisting_rolling(effects: tuple[Any, ...]) -> Rolling | None:
+def rolling_of(effects: tuple[Any, ...]) -> Rolling | None:
     """Return what resists rolling among the effects; None without, and where its coefficient is 0."""
     return next((one for one in effects if isinstance(one, Rolling) and one.coefficient > 0.0), None)
 
@@ -236,7 +243,7 @@ def refuse_rolling(effects: tuple[Any, ...], packing: Packing) -> None:
 
 def roughness_of(effects: tuple[Any, ...]) -> Friction | RoughContacts | None:
     """Return what acts across contacts: the friction alone, or with what resists rolling and twisting; None without."""
-    friction, rolling, twisting = friction_of(effects), resisting_rolling(effects), twisting_of(effects)
+    friction, rolling, twisting = friction_of(effects), rolling_of(effects), twisting_of(effects)
     if rolling is None and twisting is None:
         return friction
     return RoughContacts(friction or Friction(0.0), rolling, twisting)

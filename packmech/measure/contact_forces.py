@@ -31,7 +31,7 @@ from packmech.effects import (
     friction_or_zero,
     held_particles,
     refuse_unknown_to_shapes,
-    rolling_of,
+    rolling_spring_of,
     rough_walls,
     roughness_of,
     shaped_terms,
@@ -101,7 +101,7 @@ class ContactForces:
     @functools.cached_property
     def under_cap_c(self) -> NDArray[np.float64]:
         """The (C,) normal forces that Coulomb's limit is made of, with what cohesion adds [force]."""
-        return under_cap(self.scene.effects, self.normal_c, self.contacts)
+        return under_cap(self.scene.effects, np.abs(self.normal_c), self.contacts)
 
     @functools.cached_property
     def limit(self) -> CoulombLimit:
@@ -337,7 +337,7 @@ class ContactForces:
         unit = mu if mu > 0.0 or not walls else 1.0
         if unit == 0.0:
             return rattlers_among(packing, bearing, effects)
-        resisting = rolling_of(effects), twisting_of(effects)
+        resisting = rolling_spring_of(effects), twisting_of(effects)
         rolls = resisting[0] is not None or any(isinstance(one.rolling, RollingResistance) for one in walls)
         twists = resisting[1] is not None or any(one.twisting for one in walls)
         point, arm = bearing.points(packing.radius_n), self.turning.arm_c[self.bearing_c] / unit
@@ -356,7 +356,7 @@ class ContactForces:
         """
         effects, packing = self.scene.effects, self.scene.packing
         count, resisting = self.contacts.select(self._held_c()).count_n(), np.zeros(packing.particles, dtype=bool)
-        resisting[:] = bool(rolling_of(effects) or twisting_of(effects))
+        resisting[:] = bool(rolling_spring_of(effects) or twisting_of(effects))
         if not _coefficient(self.scene) > 0.0:
             count = np.zeros_like(count)
         for _, wall, _, touches in wall_sides(effects, packing) if rough_walls(effects) else ():
@@ -402,7 +402,7 @@ class ContactForces:
         if not _coefficient(self.scene) > 0.0:
             turns = int((self.scene.packing.turn_nkt[held] != 0.0).any(axis=2).sum())
             return 2.0 * (d + (turns - linked) / count)
-        rolling, twisting = rolling_of(self.scene.effects), twisting_of(self.scene.effects)
+        rolling, twisting = rolling_spring_of(self.scene.effects), twisting_of(self.scene.effects)
         rows = d + (d - 1) * (rolling is not None) + (twisting is not None)
         limited = self.at_limit_per_particle + self._turning_at_limit() / count
         return (d * (d + 1) + 2.0 * (limited - linked / count)) / rows
@@ -411,7 +411,7 @@ class ContactForces:
         """Return how many springs against rolling and twisting are at their limit, of contacts that bear."""
         effects, held = self.scene.effects, self._held_c()
         rolled = np.sqrt((self.turning.rolling_cd**2).sum(axis=1))
-        both = ((rolling_of(effects), rolled), (twisting_of(effects), np.abs(self.turning.twisting_c)))
+        both = ((rolling_spring_of(effects), rolled), (twisting_of(effects), np.abs(self.turning.twisting_c)))
         return sum(
             int((find_at_limit(size, self.under_cap_c, one.coefficient, self.residual).at_limit_c & held).sum())
             for one, size in both

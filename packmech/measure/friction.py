@@ -18,7 +18,7 @@ from packmech.effects import (
     contact_terms,
     equal_touches,
     friction_of,
-    rolling_of,
+    rolling_spring_of,
     springs_of,
     twisting_of,
     wall_columns,
@@ -86,7 +86,7 @@ def turning_forces(scene: Scene, contacts: Contacts | ShapeContacts, normal_c: N
         As in `tangential_forces`.
 
     """
-    rolling, twisting = rolling_of(scene.effects), twisting_of(scene.effects)
+    rolling, twisting = rolling_spring_of(scene.effects), twisting_of(scene.effects)
     radius = scene.packing.radius_n
     one, other = radius[contacts.i_c], radius[contacts.j_c]
     arm = one * other / (one + other) ** 2 * contacts.distance_c

@@ -34,8 +34,8 @@ from packmech.effects import (
     refuse_tangential_bonds,
     refuse_tangential_springs,
     refuse_unknown_to_shapes,
-    resisting_rolling,
     rolling_of,
+    rolling_spring_of,
     shaped_terms,
     single_terms,
     twisting_of,
@@ -271,10 +271,10 @@ def turning_springs(
     parts = (forces.rolling_cd, forces.twisting_c)
     resisting: tuple[Any, ...]
     if normal_c is None:
-        resisting = (rolling_of(effects), twisting_of(effects))
+        resisting = (rolling_spring_of(effects), twisting_of(effects))
         sizes = [0.0 if one is None else one.stiffness for one in resisting]
     else:
-        resisting = (resisting_rolling(effects), twisting_of(effects))
+        resisting = (rolling_of(effects), twisting_of(effects))
         sizes = [0.0 if one is None else at_normal_force(one, normal_c).damping for one in resisting]
         parts, kind = (np.zeros_like(parts[0]), np.zeros_like(parts[1])), "unstressed"
     if not any(resisting):

@@ -8,7 +8,7 @@ from dataclasses import replace
 from packmech.calls.honors import declare
 from packmech.calls.status import Progress
 from packmech.check import BoxStrain, clear_errors, instance, one_of, positive
-from packmech.effects import resistances, roughness_of
+from packmech.effects import friction_of, rolling_spring_of, twisting_of
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
@@ -54,7 +54,8 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
     *others, last = [*always, *sometimes]
     names = f"{', '.join(others)}, or {last}" if others else last
     held, where, way = held_columns(scene), "", ""
-    rough = [type(one).__qualname__ for one in resistances(roughness_of(scene.effects))]
+    springs = (find(scene.effects) for find in (friction_of, rolling_spring_of, twisting_of))
+    rough = [type(one).__qualname__ for one in springs if one is not None]
     if rough:
         kinds = ", ".join(f"pm.{one}" for one in rough)
         where, way = " for a scene with friction", f": leave friction out with scene.without({kinds})"

@@ -48,6 +48,8 @@ FLOW_COLUMNS = {
     "sliding_fractions": "sliding_r",
 }
 _CREEP = "creep"
+# creep has come to rest where from this part of the time on it goes on at less than this part of its mean rate
+_LAST, _STILL = 0.9, 0.01
 # the strain's rate is renewed so often in the shortest time in which a box of this inertia answers
 _OFTEN = 0.02
 # spans from one call of `progress` to the next
@@ -393,6 +395,14 @@ class Creep(StrainRun):
         return np.asarray(self.strain_t / self.applied_stress)
 
     @property
+    def flows(self) -> bool:
+        """Whether the box still strains: in the last tenth of the time at more than a hundredth of its mean rate."""
+        last = int(np.searchsorted(self.time_t, _LAST * self.time_t[-1], side="right")) - 1
+        changed, overall = np.ptp(self.strain_t[last:]), np.ptp(self.strain_t)
+        # what is not finite is not at rest
+        return not changed <= _STILL * (1.0 - _LAST) * overall
+
+    @property
     def title(self) -> str:
         """What the run is of, in words."""
         return f"{particles_in_words(self.packing)} under a shear stress of {self.applied_stress:g}"
@@ -410,6 +420,7 @@ class Creep(StrainRun):
             ("strain under stress", f"{numbers['strain_under_stress']:.6g}", "when the stress ends"),
             ("compliance", f"{numbers['compliance']:.6g}", "that strain over the stress"),
             *rest,
+            *self._residual_rows(),
         ]
 
 

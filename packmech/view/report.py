@@ -27,7 +27,7 @@ from packmech.effects import (
     acts_on_single,
     friction_of,
     held_particles,
-    rolling_of,
+    rolling_spring_of,
     twisting_of,
 )
 from packmech.jamming.classify import METHODS, classify_jamming
@@ -247,7 +247,7 @@ def examine(
     modes = integer("modes", modes, at_least=0)
     asked = check_verdict_settings(gap_tolerance, method)
     effects = scene.effects
-    rough = any(one is not None for one in (acting_friction(effects), rolling_of(effects), twisting_of(effects)))
+    rough = any(one is not None for one in (acting_friction(effects), rolling_spring_of(effects), twisting_of(effects)))
     if not rough:
         # those of coefficient 0 are none
         scene = scene.without(Friction, RollingResistance, TwistingResistance)

@@ -8,6 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import packmech as pm
+from packmech.dynamics.energy_drift import is_frictional
+from packmech.dynamics.stability import growth
+from packmech.mechanics.complex_modulus import _touching as touching_elements
 
 STIFF = 1e3
 SPRING = pm.Repulsion(pm.LinearSpring(1.0))
@@ -59,6 +62,17 @@ def test_viscous_resistance_takes_the_speed_of_what_rolls_on_a_floor_exponential
     assert np.diff(np.log(ends)) / -2.0 == pytest.approx([rate, rate], rel=2e-4)
 
 
+def test_a_step_for_the_weight_is_as_good_as_the_shorter_one_that_is_chosen_for_deep_contacts():
+    scene, arm = on_floor(2, pm.ViscousRolling(2.0), overlap=1e-4)
+    floor, weight = scene.effects
+    longest = pm.simulate(scene.replace(effects=(floor._replace(rolling=None), weight)), steps=1).dt
+    # of a particle on a wall F_n is its weight, and a its arm
+    assert longest * 2.0 * 2.0 * STIFF * 1e-4 * arm**2 / inertia(2) < 0.05
+    chosen, given = (rolled(scene, arm, 0.05, duration=4.0, **how) for how in ({}, {"dt": longest}))
+    assert chosen.dt < 0.2 * given.dt and 0.0 < given.velocity_nd[0, 0] < 0.03
+    assert given.velocity_nd[0, 0] == pytest.approx(chosen.velocity_nd[0, 0], rel=1e-3)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_what_constant_resistance_stops_stays_at_rest(dimension):
     scene, arm = on_floor(dimension, pm.ConstantRolling(0.01, 20.0))
@@ -83,6 +97,27 @@ def test_a_time_step_that_is_chosen_turns_no_spin_round(dimension):
     assert np.all(np.diff(seen) <= 0.0) and min(seen) >= -1e-18 and seen[-1] < 1e-12
     with pytest.raises(pm.NotConverged, match="resistance of a contact to rolling or twisting is unstable above"):
         pm.simulate(scene, steps=1, dt=1.0, spin_nk=spin)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("rolling", [pm.ConstantRolling(1.0, 1.0), pm.RollingResistance(1.0, 1.0)])
+def test_a_time_step_is_refused_where_a_contact_of_two_sizes_rolls_unstably(dimension, rolling):
+    """v' = -a^2 (1/I_i + 1/I_j) f with a = .5 * 2 / 2.5."""
+    place = np.full((2, dimension), 4.0)
+    place[1, 0] += 2.4
+    packing = pm.Packing(place, [0.5, 2.0], pm.Box.cubic(12.0, dimension))
+    rate = 0.4**2 * sum(1.0 / inertia(dimension, *one) for one in zip(packing.mass_n, packing.radius_n, strict=True))
+    scene = pm.Scene(packing, (pm.Repulsion(pm.LinearSpring(0.1)), rolling))
+    how = {"steps": 1, "check": False, "spin_nk": np.full((2, 1 if dimension == 2 else 3), 1e-3)}
+    for part in (1.5, 4.0):
+        refused = pm.simulate(scene, dt=part * (1.0 / rate if rolling.damping else 2.0 / math.sqrt(rate)), **how)
+        assert refused.outcome is pm.Outcome.STEP_TOO_LONG
+        longest = refused.unmet[0].asked
+        kind = {"tangential": True, "second_order": True, "lead": 0.0 if rolling.damping else 0.35}
+        limit = growth(rate * longest**2 * rolling.stiffness, rate * longest * rolling.damping, **kind)
+        assert limit == pytest.approx(1.1, rel=1e-6)
+    assert pm.simulate(scene, dt=0.9 * longest, **how).outcome is pm.Outcome.FINISHED
+    assert pm.simulate(scene, **how).dt < 0.1 * longest
 
 
 def test_below_its_limit_a_slope_makes_what_constant_resistance_does_not_hold_creep():
@@ -208,6 +243,45 @@ def test_complex_moduli_have_the_dashpots_that_small_oscillations_have(rolling):
     run = pm.oscillatory_shear(scene, amplitude=1e-7, frequency=0.2, periods=24, skip_periods=22, pre_periods=0)
     found = complex(run.moduli.storage, run.moduli.loss)
     assert abs(found - due) < 1e-4 * abs(due) and abs(without - due) > 1e-3 * abs(due)
+
+
+@pm.effect
+class Pull(NamedTuple):
+    """A spring that pulls particles that touch together."""
+
+    strength: float = 1.0
+
+    def pair_energy(self, distance, contact_distance):
+        return -0.5 * self.strength * (contact_distance - distance) ** 2
+
+    def pair_first(self, distance, contact_distance):
+        return self.strength * (contact_distance - distance)
+
+    def pair_second(self, distance, contact_distance):
+        return -self.strength
+
+
+@pytest.mark.parametrize("strength", [0.0, 2.0])
+def test_a_contact_that_pulls_resists_rolling_as_one_that_pushes(strength):
+    packing = pm.Packing([[2.0, 2.0], [2.9, 2.0]], [0.5, 0.5], pm.Box.cubic(6.0, 2))
+    scene = pm.Scene(packing, (SPRING, Pull(strength), pm.ViscousRolling(3.0)))
+    _, dashpots = touching_elements(scene, pm.find_contacts(packing), 1.0 / packing.mass_n)
+    assert dashpots[1].stiffness_cxx[0, -1, -1] == pytest.approx(0.225**2 * 3.0 * 0.1, rel=1e-12)
+    assert pm.contact_dissipation(scene, np.zeros((2, 2)), [[1.0], [-1.0]]).by_channel["rolling"] > 0.0
+
+
+def test_dashpots_are_no_springs_that_give_way_and_no_friction_to_leave_out():
+    scene = pm.Scene(pm.lattice_packing("triangular", repeats=(3, 3)), (SPRING,))
+    for one in FORMS:
+        assert not is_frictional(scene.replace(effects=(SPRING, one)))
+    for one in (pm.Friction(0.5), pm.RollingResistance(0.1)):
+        assert is_frictional(scene.replace(effects=(SPRING, one)))
+    linked = pm.cluster_packing(6, pm.Trimer(), dimension=2, packing_fraction=0.3, seed=1)
+    with pytest.raises(ValueError, match=r"method must be .*, for a packing with links or shapes, got HardVertex"):
+        pm.jam(pm.Scene(linked, (SPRING, FORMS[0])), method=pm.HardVertex())
+    spring = pm.Scene(scene.packing, (SPRING, pm.RollingResistance()))
+    with pytest.raises(ValueError, match=r"leave friction out with scene.without\(pm.RollingResistance\)"):
+        pm.jam(spring, method=pm.HardVertex())
 
 
 def test_grains_at_rest_on_a_rough_floor_that_only_damps_rolling_are_those_of_one_without():

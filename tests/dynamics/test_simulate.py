@@ -279,3 +279,19 @@ def test_the_speed_of_several_particles_is_a_mean_over_those_that_move():
     # sqrt((0.5^2 + 0.1^2) / 2)
     assert name == "speed" and float(value) == pytest.approx(0.13**0.5, rel=1e-5)
     assert "of the 2 that move, 0.5 the largest" in note
+
+
+def test_the_speed_is_that_of_what_is_not_held_and_a_single_one_of_many_is_named():
+    start = pm.Packing([[1.0, 1.0], [3.0, 3.0], [5.0, 5.0]], [0.5] * 3, pm.Box.cubic(8.0, 2))
+    scene = pm.Scene(start, (pm.Repulsion(), pm.FixedParticles((2,), velocity=(3.0, 0.0))))
+    two = pm.simulate(scene, duration=0.1, velocity_nd=[[0.3, 0.4], [0.0, 0.1], [0.0, 0.0]])
+    assert "of the 2 that move, 0.5 the largest" in speed_words(two)[0][2]
+    one = pm.simulate(scene, duration=0.1, velocity_nd=[[0.0, 0.0], [0.0, 0.1], [0.0, 0.0]])
+    ((name, value, note),) = speed_words(one)
+    assert (name, value) == ("velocity", "0  0.1") and note.startswith("of particle 1, the only one")
+    assert one.held_n.tolist() == [False, False, True]
+    assert not speed_words(pm.simulate(scene, duration=0.1))
+    held = pm.simulate(
+        scene, duration=0.1, velocity_nd=[[0.0, 0.0], [0.0, 0.1], [0.0, 0.0]], held_n=[False, True, False]
+    )
+    assert not speed_words(held)

@@ -184,6 +184,45 @@ def test_pairs_that_never_touched_feel_nothing_and_those_that_did_are_held_up_to
     assert pm.simulate(apart, steps=1, dt=1e-6).packing.tangential is None
 
 
+def force_of_unequal(name, gap):
+    """Return the force that pulls spheres of radii 0.5 and 1.5 together, in closed form: R = .5 * 1.5 / 2 = .375."""
+    if name == "jkr":
+        # of the radii of contact with this overlap, (a^2/R + gap)^2 = 2 pi w a / E, the largest
+        radii = np.roots([1.0 / 0.375**2, 0.0, 2.0 * gap / 0.375, -2.0 * math.pi * W / E, gap**2])
+        a = max(one.real for one in radii if abs(one.imag) < 1e-9 and one.real**2 / 0.375 + gap > 0.0)
+        return math.sqrt(8.0 * math.pi * W * E * a**3) - 4.0 * E * a**3 / (3.0 * 0.375)
+    overlap = max(-gap, 0.0)
+    if name == "dmt":
+        # A R / (6 (gap + z)^2) with A = 12 pi w z^2, z = .01, lowered so that it ends at 10 z
+        falls = (0.01 / (max(gap, 0.0) + 0.01)) ** 2
+        return 2.0 * math.pi * W * 0.375 * (falls - 1.0 / 121.0) / (1.0 - 1.0 / 121.0) - (
+            4.0 / 3.0 * E * math.sqrt(0.375) * overlap**1.5
+        )
+    # a sphere of radius 2 R = .75 and its like; the spring is that of Harmonic(1.0), at a contact distance of 2
+    bridge = 1.0 - max(gap, 0.0) / math.sqrt(max(gap, 0.0) ** 2 + 2.0 * 1e-4 / (math.pi * 0.75))
+    return 2.0 * math.pi * 0.75 * 0.01 * bridge - overlap / 4.0
+
+
+UNEQUAL = {
+    "dmt": (pm.Repulsion(pm.ElasticSpheres(E)), pm.DMT(W, 0.01)),
+    "jkr": (JKR,),
+    "bridge": (pm.Repulsion(pm.Harmonic(1.0)), pm.CapillaryBridge(1e-4, 0.01)),
+}
+
+
+@pytest.mark.parametrize("gap", [-0.02, 0.005])
+@pytest.mark.parametrize("name", UNEQUAL)
+def test_spheres_of_two_sizes_pull_with_the_closed_form_of_their_effective_radius(name, gap):
+    place = [[2.0, 3.0, 3.0], [4.0 + gap, 3.0, 3.0]]
+    packing = bound(pm.Packing(place, [0.5, 1.5], pm.Box.cubic(8.0, 3), mass_n=[1.0, 27.0]))
+    force = force_of_unequal(name, gap)
+    # as if they touched: what remembers no touch has no memory to take
+    scene = pm.Scene(packing.replace(tangential=None) if name == "dmt" else packing, UNEQUAL[name])
+    np.testing.assert_allclose(pm.forces(scene)[:, 0], [force, -force], rtol=1e-9)
+    run = pm.simulate(scene, steps=1, dt=1e-7, method=pm.SemiImplicitEuler(), check=False)
+    np.testing.assert_allclose(run.velocity_nd[:, 0] * [1.0, 27.0] / 1e-7, [force, -force], rtol=1e-7)
+
+
 def test_two_spheres_that_are_drawn_apart_pull_with_the_jkr_force_and_break_where_it_says():
     # one is held, the other so heavy that its speed stays
     scene = pm.Scene(bound(pair(distance=0.999, mass=1e9)), (JKR, pm.FixedParticles((0,))))

@@ -1,5 +1,6 @@
 """Facts about laws that feel the radii of both particles: closed forms, and the same answer by every way."""
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -130,6 +131,30 @@ def test_beads_that_touch_have_radii_of_their_own():
     expected = [force_of(*row) for row in zip(-found.contacts.gap_c, radius, other, strict=True)]
     np.testing.assert_allclose(found.normal_c, expected, rtol=1e-10)
     assert len(set(np.round(radius / other, 6))) > 1
+
+
+def test_a_step_of_rigid_bodies_has_the_forces_of_a_loop_over_pairs_of_beads():
+    chains = pm.cluster_packing(8, pm.Dimer(0.7, (0.5, 0.3)), dimension=3, packing_fraction=0.4, seed=1)
+    packing = pm.at_packing_fraction(pm.rigid_packing(chains), 0.9)
+    beads = pm.bead_packing(packing)
+    body_of = packing.shapes.particle_b
+    due, pairs = np.zeros_like(packing.position_nd), set()
+    side = np.diag(packing.box.lattice_dd)
+    for i, j in itertools.combinations(range(beads.particles), 2):
+        if body_of[i] != body_of[j]:
+            vector = beads.position_nd[j] - beads.position_nd[i]
+            vector -= side * np.round(vector / side)
+            r = float(np.linalg.norm(vector))
+            a, b = beads.radius_n[i], beads.radius_n[j]
+            push = force_of(a + b - r, a, b) * vector / r
+            due[body_of[i]] -= push
+            due[body_of[j]] += push
+            if r < a + b:
+                pairs.add((round(min(a, b), 9), round(max(a, b), 9)))
+    assert len(pairs) == 3
+    run = pm.simulate(pm.Scene(packing, REPULSION), steps=1, dt=1e-9, method=pm.SemiImplicitEuler(), check=False)
+    found = run.velocity_nd * packing.mass_n[:, None] / 1e-9
+    np.testing.assert_allclose(found, due, rtol=0.0, atol=1e-7 * np.abs(due).max())
 
 
 @pm.effect

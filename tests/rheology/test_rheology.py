@@ -53,6 +53,16 @@ def test_creep_ends_at_the_static_compliance_whatever_the_boxs_inertia(scene):
         # the shear stress at rest acts from the start
         assert (run.strain_t[-1]) == pytest.approx((1e-5 - run.shear_stress_t[0]) / modulus, rel=2e-3)
         assert run.shear_stress_t[-1] == pytest.approx(1e-5, rel=2e-3)
+        # at rest forces balance, and the run says how well
+        assert not run.flows and run.residual < 1e-6
+        assert f"residual {run.residual:.1e}" in repr(run) and "of a flow" not in str(run.summary())
+
+
+def test_creep_beyond_the_yield_stress_is_a_flow(scene):
+    frictional = scene.without(pm.Bonds)
+    run = pm.creep(frictional, stress=0.3, duration=40.0, dt=0.1)
+    assert run.flows and run.strain_t[-1] > 0.5
+    assert "residual" not in repr(run) and "of a flow not expected to vanish" in run.summary().stages[-1].note
 
 
 def test_strain_comes_back_when_the_stress_of_creep_is_taken_away(scene):
