@@ -453,15 +453,15 @@ def under_cap(effects: tuple[Any, ...], normal_c: NDArray[np.float64], touches: 
     effects
         The scene's effects.
     normal_c
-        (C,) normal forces of the repulsion [force].
+        (C,) normal forces of the repulsion, whose sizes count [force].
     touches
         The contacts.
 
     """
     acting = tuple(one for one in effects if hasattr(type(one), "cap_force"))
-    if not acting:
-        return normal_c
     cap = np.abs(normal_c)
+    if not acting:
+        return cap
     _cap_forces(acting, *_columns(touches), cap)
     return np.asarray(np.maximum(cap, 0.0))
 

@@ -101,7 +101,7 @@ class ContactForces:
     @functools.cached_property
     def under_cap_c(self) -> NDArray[np.float64]:
         """The (C,) normal forces that Coulomb's limit is made of, with what cohesion adds [force]."""
-        return under_cap(self.scene.effects, np.abs(self.normal_c), self.contacts)
+        return under_cap(self.scene.effects, self.normal_c, self.contacts)
 
     @functools.cached_property
     def limit(self) -> CoulombLimit:

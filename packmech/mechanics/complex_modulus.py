@@ -231,7 +231,7 @@ def _touching(
     springs, dashpots = elements_of(found, terms.first_c, terms.second_c), elements_of(found, slack, damping_c)
     radius = scene.packing.radius_n
     # limits are made of the size of the normal force, of contacts that pull, too
-    cap = under_cap(scene.effects, np.abs(terms.first_c), found)
+    cap = under_cap(scene.effects, terms.first_c, found)
     friction = at_contact(friction, terms.second_c * found.push_c**2, damping_c)
     if np.any(friction.stiffness):
         across = tangential_forces(scene, found, cap).force_cd
