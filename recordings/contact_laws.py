@@ -8,7 +8,6 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import packmech as pm
-from packmech.effects import equal_partners, law_first
 
 YOUNG_MODULUS, RADIUS = 8000.0, 10.0
 
@@ -38,7 +37,8 @@ def draw(path: Path) -> None:
         "divergent (S1-5b)": pm.DivergentRepulsion(stiffness),
         "plateau (slope 0.1 from 0.3 to 0.8)": pm.PlateauRepulsion(law=pm.DivergentRepulsion(stiffness)),
     }
-    curves = {name: [-law_first(law, sigma - x, equal_partners(sigma)) for x in overlap] for name, law in laws.items()}
+    equal = pm.Partners(sigma, 0.25 * sigma)
+    curves = {name: [-pm.Repulsion(law).pair_first(sigma - x, equal) for x in overlap] for name, law in laws.items()}
     curves["Hertz, per height of a layer (S1-13)"] = [layer_force(x, YOUNG_MODULUS, RADIUS) for x in overlap]
     figure, (whole, small) = plt.subplots(1, 2, figsize=(9.6, 4.0), layout="constrained")
     for ax, largest, highest in ((whole, sigma, 0.4), (small, 0.25 * sigma, 0.025)):

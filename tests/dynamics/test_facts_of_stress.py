@@ -199,7 +199,7 @@ def stretched(history, turned, steps, first=(0.0, 0.0, 0.0), duration=2.0):
         n = branch / r
         body = np.zeros((2, 10))
         body[:, 3], body[:, 7:] = RADII, own
-        touch = ShapeTouch(True, r, RADII.sum(), *n, *np.zeros(6))
+        touch = ShapeTouch(True, r, RADII.sum(), RADII.prod() / RADII.sum(), *n, *np.zeros(6))
         slip = slip_of_discs((0, 1, 2), body, 0, 1, touch, rate)
         before, after = 0.5 * dt * (step > 0), 0.5 * dt * (step < steps)
         held = stretch_after(*stretch_before(*held, slip, before), slip, after)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.effects import equal_partners, law_first
 from packmech.validation import particle_shear as ps
 
 CHANGES = [
@@ -60,10 +61,10 @@ def test_bonds_of_a_scene_have_the_laws_of_the_preset(which):
     experiment, discs = prepared(which, 4)
     made, bonds = experiment.material, ps.to_scene(experiment, discs).effects[-1]
     for share in (0.1, 0.5, 0.9, 0.999):
-        assert 1e6 * bonds.compression.first(40.0 * share, 40.0) == pytest.approx(
+        assert 1e6 * law_first(bonds.compression, 40.0 * share, equal_partners(40.0)) == pytest.approx(
             ps.bond_force(made, 40.0 * share, 40.0), rel=1e-12
         )
-        assert 1e6 * bonds.tension.first(40.0 / share, 40.0) == pytest.approx(
+        assert 1e6 * law_first(bonds.tension, 40.0 / share, equal_partners(40.0)) == pytest.approx(
             ps.bond_force(made, 40.0 / share, 40.0), rel=1e-12
         )
     shares = (made.bond_normal_ratio, made.bond_tangential_ratio) if made.bond_viscosity_follows else (1.0, 1.0)

@@ -475,6 +475,7 @@ def energy_change(
 
     Examples
     --------
+    >>> from packmech.effects import equal_touches
     >>> vector, step = np.array([[0.9, 0.0]]), np.array([[-1e-12, 0.0]])
     >>> spring = equal_touches(np.array([0.9]), np.ones(1))
     >>> closer = energy_change(vector, step, spring, lambda pairs: pairs.distance_c - pairs.contact_distance_c)
