@@ -224,7 +224,10 @@ class Bonds:
             self._check_limits(order)
 
     def _check_tension(self) -> None:
-        """Refuse a law of the tension that holds below its contact distance alone."""
+        """Refuse a law of the tension that holds below its contact distance alone; numbers are the scene's to check."""
+        tension = cast(tuple[Any, ...], self.tension)
+        if not all(math.isfinite(one) for one in tension if isinstance(one, int | float)):
+            return
         for rest in (float(self.rest_length_b.min()), float(self.rest_length_b.max())) if len(self) else ():
             try:
                 force = float(law_first(self.tension, 1.1 * rest, equal_partners(rest)))
