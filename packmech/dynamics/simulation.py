@@ -186,7 +186,7 @@ class Simulation(Run):
     strain
         gamma of the box at the end [1]; `packing` has the box as it is then.
     held_n
-        (N,) who was held, by the call or by the scene (`FixedParticles`); None where nobody was.
+        (N,) whether a particle was held, by the call or by the scene (`FixedParticles`); None where none was.
     bonds
         The bonds at the end; None in a scene without.
     broken_bonds
@@ -824,7 +824,7 @@ class SimulationTask:
         )
 
     def _held(self) -> NDArray[np.bool_] | None:
-        """Return who is held, by the call or by the scene; None where nobody is."""
+        """Return which particles are held, by the call or by the scene; None where none is."""
         fixed = held_particles(self.scene.effects, self.scene.packing.particles)
         asked = self.settings.held_n
         return fixed if asked is None else asked if fixed is None else asked | fixed

@@ -206,7 +206,8 @@ def test_a_contact_dissipates_its_force_times_its_velocity_of_rolling(rolling):
                         (0.001, {"ConstantRolling": 2.0 * 0.00045, "ViscousRolling": 0.03 * 0.00045})):  # fmt: skip
         found = pm.contact_dissipation(pm.Scene(packing, (SPRING, rolling)), np.zeros((2, 2)), [[spin], [-spin]])
         assert found.by_channel["rolling"] == pytest.approx(found.total, rel=1e-12)
-        assert found.total == pytest.approx(force[type(rolling).__name__] * 0.45 * spin, rel=0.02)
+        # taken after a hundredth of the scene's shortest time: what dashpots brake has fallen by as much at most
+        assert found.total == pytest.approx(force[type(rolling).__name__] * 0.45 * spin, rel=0.01)
 
 
 @pytest.mark.parametrize("rolling", FORMS)
