@@ -1,6 +1,6 @@
 """Facts about the laws of the frictional model: closed forms to rounding, limits, and where forces are capped."""
 
-from decimal import Decimal, getcontext
+from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
@@ -12,7 +12,13 @@ from packmech.effects import contact_terms, energy_scale_of, equal_partners, equ
 from packmech.effects.laws import law_energy, law_first, law_second
 from packmech.validation.particle_shear import Material, bond_force, normal_force
 
-getcontext().prec = 60
+
+@pytest.fixture(autouse=True)
+def precise_decimals():
+    with localcontext(prec=60):
+        yield
+
+
 EPSILON = float(np.finfo(float).eps)
 
 

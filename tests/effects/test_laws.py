@@ -3,7 +3,7 @@
 import json
 import math
 import pathlib
-from decimal import Decimal, getcontext
+from decimal import Decimal, localcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -23,7 +23,11 @@ GOLDEN = json.loads((pathlib.Path(__file__).parents[1] / "golden" / "potentials.
 GOLDEN_LAWS = {"spring2": pm.Harmonic(), "hertz2.5": pm.Hertz(), "rlj": pm.RepulsiveLennardJones()}
 EPSILON = float(np.finfo(float).eps)
 
-getcontext().prec = 90
+
+@pytest.fixture(autouse=True)
+def precise_decimals():
+    with localcontext(prec=90):
+        yield
 
 
 @pm.law
