@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 import packmech as pm
 from packmech.dynamics.energy_drift import is_frictional
+from packmech.dynamics.integrators import choose_time_step
 from packmech.dynamics.stability import growth
 from packmech.mechanics.complex_modulus import _touching as touching_elements
 
@@ -200,14 +201,22 @@ def test_constant_resistance_follows_the_equations_of_motion_above_and_below_its
 
 @pytest.mark.parametrize("rolling", FORMS)
 def test_a_contact_dissipates_its_force_times_its_velocity_of_rolling(rolling):
+    """F v after a hundredth of the scene's shortest time, in which v' = -2 a^2 F / I slows the rolling."""
     packing = pm.Packing([[2.0, 2.0], [2.9, 2.0]], [0.5, 0.5], pm.Box.cubic(6.0, 2))
-    # the reduced arm is 0.45 / 2, the normal force 0.1
-    for spin, force in ((1.0, {"ConstantRolling": 0.01, "ViscousRolling": 0.03 * 0.45}),
-                        (0.001, {"ConstantRolling": 2.0 * 0.00045, "ViscousRolling": 0.03 * 0.00045})):  # fmt: skip
-        found = pm.contact_dissipation(pm.Scene(packing, (SPRING, rolling)), np.zeros((2, 2)), [[spin], [-spin]])
+    scene, mass, arm, normal = pm.Scene(packing, (SPRING, rolling)), float(packing.mass_n[0]), 0.225, 0.1
+    later, slowing = choose_time_step(scene, 0.01), 2.0 * arm**2 / inertia(2, mass)
+    viscous = isinstance(rolling, pm.ViscousRolling)
+    dashpot = rolling.coefficient * normal if viscous else rolling.damping
+    for spin in (1.0, 0.001):
+        speed, cap = 2.0 * arm * spin, np.inf if viscous else rolling.coefficient * normal
+        if dashpot * speed < cap:
+            due = dashpot * speed**2 * math.exp(-2.0 * slowing * dashpot * later)
+        else:
+            due = cap * (speed - slowing * cap * later)
+        found = pm.contact_dissipation(scene, np.zeros((2, 2)), [[spin], [-spin]])
         assert found.by_channel["rolling"] == pytest.approx(found.total, rel=1e-12)
-        # taken after a hundredth of the scene's shortest time: what dashpots brake has fallen by as much at most
-        assert found.total == pytest.approx(force[type(rolling).__name__] * 0.45 * spin, rel=0.01)
+        # meanwhile the spring, k = 1, parts the discs: the normal force falls by k t^2 / m; 1e-6 is the step's
+        assert found.total == pytest.approx(due, rel=later**2 / mass + 1e-6)
 
 
 @pytest.mark.parametrize("rolling", FORMS)
