@@ -1,17 +1,19 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Two versions of packmech against the clock: the same work in alternating pairs, and the ratio of their times.
 
-    python tests/benchmarks/compare_speed.py --tag PATH_OF_A_CHECKOUT [--pairs 15] [--rows PATTERN ...]
+    python tests/benchmarks/compare_speed.py --tag PATH_OF_A_CHECKOUT [--restarts 5] [--pairs 15] [--rows PATTERN ...]
 
-Two processes live as long as the comparison lasts, one for each checkout (the other version, "tag", and the one that
-this file is in, "head"). They are asked in turn, tag, head, head, tag, ..., for one row of the table at a time; each
-has prepared all rows before, the first answer (which compiles) is not counted, and answers are the CPU seconds of its
-process. Scenes come from the benchmarks of the checkout itself, and both get the same packings: the first that needs
-one writes it down for the other.
+Two processes, one for each checkout (the other version, "tag", and the one that this file is in, "head"), are asked in
+turn, tag, head, head, tag, ..., for one row of the table at a time; each has prepared all rows before, the first answer
+(which compiles) is not counted, and answers are the CPU seconds of its process. Where a process has its arrays and code
+makes some loops faster or slower by 4 % for as long as it lives, however many pairs are timed: both are started several
+times, and each start has its share of the pairs. Scenes come from the benchmarks of the checkout itself, and both get
+the same packings: the first that needs one writes it down for the other.
 
-Printed for each row: the median over the pairs of head's time over tag's, its quartiles, and the median times; at the
-end the geometric mean of the medians. The exit code is 1 where a median is above 1.05 or the mean above 1.01. Run it on
-an idle machine: one that is shared adds some per cent of noise to the quartiles.
+Printed for each row: the median over the restarts of head's time over tag's (the median of the pairs of each), its
+quartiles, and the median times; at the end the geometric mean of the medians. The exit code is 1 where a median is
+above 1.05 or the mean above 1.01. Run it on an idle machine: one that is shared adds some per cent of noise to the
+quartiles.
 """
 
 from __future__ import annotations
@@ -33,6 +35,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 
 _HERE = Path(__file__).resolve()
 _HEAD = _HERE.parents[2]
@@ -451,12 +454,33 @@ class Process:
         self._running.wait()
 
 
-def compare(tag: Path, names: list[str], pairs: int) -> int:
+def time_pairs(tag: Path, folder: Path, names: list[str], pairs: int, first: int) -> NDArray[np.float64]:
+    """Return the (2, rows, pairs) seconds of both SIDES in processes of their own; `first` says which of them begins.
+
+    Arguments are as of `compare`; `pairs` are those of this start, and `folder` holds the packings.
+    """
+    checkouts = {"head": _HEAD, "tag": tag}
+    order = SIDES if first % 2 else SIDES[::-1]
+    processes = {side: Process(side, checkouts[side], folder) for side in order}
+    for name in names:
+        for side in order:
+            processes[side].ask(name, "prepare")
+    seconds = np.zeros((len(SIDES), len(names), pairs))
+    for r, name in enumerate(names):
+        for side in order:
+            processes[side].ask(name)
+        for k in range(pairs):
+            for side in order if k % 2 == 0 else order[::-1]:
+                seconds[SIDES.index(side), r, k] = processes[side].ask(name)
+    for process in processes.values():
+        process.close()
+    return seconds
+
+
+def compare(tag: Path, names: list[str], pairs: int, restarts: int) -> int:
     """Print the table; return 1 where the head is slower than it may be."""
-    slower = []
-    medians = []
-    print(f"other processes that run: {os.getloadavg()[0]:.1f}; {pairs} pairs")
-    print(f"{'row':52s} {'head / tag':>10s} {'quartiles':>15s} {'tag [ms]':>11s} {'head [ms]':>11s}", flush=True)
+    each = math.ceil(pairs / restarts)
+    print(f"other processes that run: {os.getloadavg()[0]:.1f}; {restarts} restarts of {each} pairs", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         # a worker that is asked for nothing else makes the packings: arrays lie elsewhere in the memory of a process
         # that has made one, and some loops over them are up to a third faster there
@@ -464,31 +488,19 @@ def compare(tag: Path, names: list[str], pairs: int) -> int:
         for name in names:
             maker.ask(name, "prepare")
         maker.close()
-        processes = {side: Process(side, path, Path(folder)) for side, path in (("tag", tag), ("head", _HEAD))}
-        for name in names:
-            for side in ("tag", "head"):
-                processes[side].ask(name, "prepare")
-        for name in names:
-            for side in ("tag", "head"):
-                processes[side].ask(name)
-            seconds: dict[str, list[float]] = {side: [] for side in SIDES}
-            for k in range(pairs):
-                for side in ("tag", "head") if k % 2 == 0 else ("head", "tag"):
-                    seconds[side].append(processes[side].ask(name))
-            ratio = np.array(seconds["head"]) / np.array(seconds["tag"])
-            low, middle, high = np.quantile(ratio, [0.25, 0.5, 0.75])
-            medians.append(middle)
-            if middle > LARGEST_RATIO:
-                slower.append(name)
-            times = [1e3 * float(np.median(seconds[side])) for side in ("tag", "head")]
-            mark = "  SLOWER" if middle > LARGEST_RATIO else ""
-            print(
-                f"{name:52s} {middle:10.3f} {low:7.3f} {high:7.3f} {times[0]:11.4g} {times[1]:11.4g}{mark}", flush=True
-            )
-        for process in processes.values():
-            process.close()
-    mean = math.exp(float(np.mean(np.log(medians))))
-    print(f"geometric mean of {len(medians)} rows: {mean:.4f} (at most {LARGEST_MEAN})")
+        # sides, rows, restarts, pairs
+        seconds = np.stack([time_pairs(tag, Path(folder), names, each, k) for k in range(restarts)], axis=2)
+    head, other = seconds
+    low, middle, high = np.quantile(np.median(head / other, axis=2), [0.25, 0.5, 0.75], axis=1)
+    times = 1e3 * np.median(seconds, axis=(2, 3))
+    slower = [name for name, one in zip(names, middle, strict=True) if one > LARGEST_RATIO]
+    print(f"{'row':52s} {'head / tag':>10s} {'quartiles':>15s} {'tag [ms]':>11s} {'head [ms]':>11s}")
+    for r, name in enumerate(names):
+        mark = "  SLOWER" if name in slower else ""
+        spread = f"{low[r]:7.3f} {high[r]:7.3f}"
+        print(f"{name:52s} {middle[r]:10.3f} {spread} {times[1, r]:11.4g} {times[0, r]:11.4g}{mark}")
+    mean = math.exp(float(np.mean(np.log(middle))))
+    print(f"geometric mean of {len(names)} rows: {mean:.4f} (at most {LARGEST_MEAN})")
     print(f"medians above {LARGEST_RATIO}: {', '.join(slower) or 'none'}")
     return int(bool(slower) or mean > LARGEST_MEAN)
 
@@ -497,7 +509,8 @@ def main(words: list[str] | None = None) -> int:
     """Do what the command line says; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tag", type=Path, help="a checkout of the other version")
-    parser.add_argument("--pairs", type=int, default=15)
+    parser.add_argument("--restarts", type=int, default=5, help="how often both processes are started")
+    parser.add_argument("--pairs", type=int, default=15, help="how many in all, over the restarts")
     parser.add_argument("--rows", nargs="+", default=["*"], metavar="PATTERN")
     parser.add_argument("--list", action="store_true", help="print the names of the rows")
     parser.add_argument("--worker", choices=SIDES, help=argparse.SUPPRESS)
@@ -510,9 +523,9 @@ def main(words: list[str] | None = None) -> int:
     if given.list:
         print("\n".join(names))
         return 0
-    if given.tag is None or not names or given.pairs < 1:
-        parser.error("--tag must be given, --rows match a row, and --pairs be at least 1")
-    return compare(given.tag.resolve(), names, given.pairs)
+    if given.tag is None or not names or min(given.pairs, given.restarts) < 1:
+        parser.error("--tag must be given, --rows match a row, and --pairs and --restarts be at least 1")
+    return compare(given.tag.resolve(), names, given.pairs, given.restarts)
 
 
 if __name__ == "__main__":
