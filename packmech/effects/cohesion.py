@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from packmech.effects.pair import effect
 from packmech.effects.partners import Partners
@@ -19,10 +20,33 @@ from packmech.jit.compiled import device
 _SAME_CONTACT = 1e-12
 # x = (a / length)^(1/2) at which a JKR contact breaks where distances are held: d(overlap)/dx = 0, 4 x^3 = 1
 _BREAKS = 0.25 ** (1.0 / 3.0)
-# where the root is looked for from: c of u = w/(c + sqrt(c^2 + w)), exact of bonds about to break, and the factor that
-# halves its largest error
-_BEND = math.sqrt(1.5) * _BREAKS
-_HALVED = 1.0163
+# the larger root of x^4 - x = overlap is a smooth function of the width w = (overlap + 3 b/4)^(1/2), b = _BREAKS; the
+# axis of w + _OFFSET is cut into octaves, and each of these into so many pieces (a power of 2) ...
+_OFFSET, _PIECES, _OCTAVES = 0.5, 16, 18
+# ... on which a polynomial of this degree is within 1e-16 of it
+_DEGREE = 7
+
+
+def _roots_of_pieces() -> NDArray[np.float64]:
+    """Return the (octaves * pieces, degree + 1) coefficients, of t from -1 to 1 on each piece, lowest power first."""
+    node = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
+    octave_k, piece_k = np.divmod(np.arange(_OCTAVES * _PIECES), _PIECES)
+    width = _OFFSET * (2.0**octave_k * (1.0 + (piece_k + 0.5 + 0.5 * node[:, None]) / _PIECES) - 1.0)
+    # Halley's method for u = x - b, u^2 (6 b^2 + 4 b u + u^2) = w^2, from what is exact of bonds about to break
+    bend = math.sqrt(1.5) * _BREAKS
+    u = width / (bend + np.sqrt(bend * bend + width))
+    for _ in range(4):
+        left = u * u * (6.0 * _BREAKS * _BREAKS + u * (4.0 * _BREAKS + u)) - width * width
+        slope = u * (12.0 * _BREAKS * _BREAKS + u * (12.0 * _BREAKS + 4.0 * u))
+        u -= left * slope / (slope * slope - 6.0 * (_BREAKS + u) ** 2 * left)
+    return np.ascontiguousarray(np.linalg.solve(np.vander(node, increasing=True), _BREAKS + u).T)
+
+
+_ROOTS = _roots_of_pieces()
+# bits of a number from 1 to 2, of what is behind its point, and of the piece in it
+_ONE, _FRACTION = 0x3FF0000000000000, 0x000FFFFFFFFFFFFF
+_PIECE_BITS = 52 - (_PIECES.bit_length() - 1)
+_FIRST_PIECE = int(np.float64(_OFFSET).view(np.int64)) >> _PIECE_BITS
 
 
 @effect
@@ -163,20 +187,26 @@ class DMT(NamedTuple):
 def jkr_root(overlap: float) -> float:
     """Return the larger root x of x^4 - x = overlap, in units in which a contact of radius x^2 has this overlap.
 
-    Beyond its value b where the bond breaks it is b + u, u^2 (6 b^2 + 4 b u + u^2) = overlap + 3 b/4. A start within
-    1.7 % of u leaves errors of rounding after two steps of Halley's method.
+    To rounding, without a division: by the polynomials of `_roots_of_pieces`. Where the bond breaks, and beyond, it is
+    the value there. In the limit of Hertz, beyond the pieces, x = (overlap + overlap^(1/4))^(1/4).
     """
     depth = overlap + 0.75 * _BREAKS
     if depth <= 0.0:
         return _BREAKS
-    width = math.sqrt(depth)
-    u = _HALVED * width / (_BEND + math.sqrt(_BEND * _BEND + width))
-    for _ in range(2):
-        x = _BREAKS + u
-        left = u * u * (6.0 * _BREAKS * _BREAKS + u * (4.0 * _BREAKS + u)) - depth
-        slope = u * (12.0 * _BREAKS * _BREAKS + u * (12.0 * _BREAKS + 4.0 * u))
-        u -= left * slope / (slope * slope - 6.0 * x * x * left)
-    return _BREAKS + u
+    place = np.float64(math.sqrt(depth) + _OFFSET)
+    bits = place.view(np.int64)
+    # unsigned, so that what is no number has no place either
+    k = np.uint64((bits >> _PIECE_BITS) - _FIRST_PIECE)
+    if k >= np.uint64(_OCTAVES * _PIECES):
+        return math.sqrt(math.sqrt(overlap + math.sqrt(math.sqrt(overlap))))
+    behind = np.int64(bits & _FRACTION)
+    at = np.int64(behind | _ONE).view(np.float64)
+    begin = np.int64((behind >> _PIECE_BITS << _PIECE_BITS) | _ONE).view(np.float64)
+    t = 2.0 * _PIECES * (at - begin) - 1.0
+    square = t * t
+    low = _ROOTS[k, 0] + t * _ROOTS[k, 1] + square * (_ROOTS[k, 2] + t * _ROOTS[k, 3])
+    high = _ROOTS[k, 4] + t * _ROOTS[k, 5] + square * (_ROOTS[k, 6] + t * _ROOTS[k, 7])
+    return float(low + square * square * high)
 
 
 @device
@@ -185,11 +215,12 @@ def jkr_square(modulus: float, adhesion: float, radius: float, before: float) ->
 
     A root of the third power takes as long as all else of a contact.
     """
-    cube = 2.0 * math.pi * adhesion * radius * radius / modulus
-    cube *= cube
-    if abs(before * before * before - cube) <= _SAME_CONTACT * cube:
+    force = 2.0 * math.pi * adhesion * radius * radius
+    left = modulus * modulus * before * before * before - force * force
+    if abs(left) <= _SAME_CONTACT * force * force:
         return before
-    return float(np.cbrt(cube))
+    cube = force / modulus
+    return float(np.cbrt(cube * cube))
 
 
 @effect
@@ -255,7 +286,7 @@ class JKR(NamedTuple):
         """Return the normal force under Coulomb's cap: F and twice the pull-off force [force]."""
         radius = partners.effective_radius
         square = jkr_square(self.modulus, self.adhesion, radius, 0.0)
-        x = jkr_root((partners.contact_distance - distance) * radius / square)
+        x = jkr_root((partners.contact_distance - distance) * (radius / square))
         x3 = x * x * x
         return math.pi * self.adhesion * radius * (3.0 - 8.0 / 3.0 * x3 * (1.5 - x3))
 
@@ -266,7 +297,7 @@ class JKR(NamedTuple):
         radius = partners.effective_radius
         # a number that came with a packing may be any but 0
         square = jkr_square(self.modulus, self.adhesion, radius, memory[0])
-        x = jkr_root((partners.contact_distance - distance) * radius / square)
+        x = jkr_root((partners.contact_distance - distance) * (radius / square))
         x3 = x * x * x
         return 8.0 / 3.0 * math.pi * self.adhesion * square * x * x3 * (0.4 * x3 * x3 - x3 + 0.375)
 
@@ -277,7 +308,7 @@ class JKR(NamedTuple):
         if memory[0] == 0.0:
             return 0.0, 0.0
         radius, square = partners.effective_radius, memory[0]
-        x = jkr_root((partners.contact_distance - distance) * radius / square)
+        x = jkr_root((partners.contact_distance - distance) * (radius / square))
         x3 = x * x * x
         return 8.0 / 3.0 * math.pi * self.adhesion * radius * x3 * (1.5 - x3), 0.0
 
@@ -288,7 +319,7 @@ class JKR(NamedTuple):
         if memory[0] == 0.0:
             return 0.0, 0.0, 0.0
         radius, square = partners.effective_radius, memory[0]
-        x = jkr_root((partners.contact_distance - distance) * radius / square)
+        x = jkr_root((partners.contact_distance - distance) * (radius / square))
         steep = x * x * (6.0 * x * x * x - 4.5) / max(4.0 * x * x * x - 1.0, 1e-300)
         return 8.0 / 3.0 * math.pi * self.adhesion * radius * radius / square * steep, 0.0, 0.0
 
