@@ -109,6 +109,18 @@ class ContactForces:
         size = np.sqrt((self.tangential_cd**2).sum(axis=1))
         return find_at_limit(size, self.under_cap_c, _coefficient(self.scene), self.residual)
 
+    @functools.cached_property
+    def turning_limits(self) -> tuple[CoulombLimit, CoulombLimit]:
+        """The same of the springs against rolling and against twisting; no contact where a scene has none."""
+        effects, forces = self.scene.effects, self.turning
+        rolled = np.sqrt((forces.rolling_cd**2).sum(axis=1))
+        both = ((rolling_spring_of(effects), rolled), (twisting_of(effects), np.abs(forces.twisting_c)))
+        rolling, twisting = (
+            find_at_limit(size, self.under_cap_c, 0.0 if one is None else one.coefficient, self.residual)
+            for one, size in both
+        )
+        return rolling, twisting
+
     @property
     def at_limit_c(self) -> NDArray[np.bool_]:
         """The (C,) contacts at the Coulomb limit as well as the residual lets it be known.
@@ -409,14 +421,7 @@ class ContactForces:
 
     def _turning_at_limit(self) -> int:
         """Return how many springs against rolling and twisting are at their limit, of contacts that bear."""
-        effects, held = self.scene.effects, self._held_c()
-        rolled = np.sqrt((self.turning.rolling_cd**2).sum(axis=1))
-        both = ((rolling_spring_of(effects), rolled), (twisting_of(effects), np.abs(self.turning.twisting_c)))
-        return sum(
-            int((find_at_limit(size, self.under_cap_c, one.coefficient, self.residual).at_limit_c & held).sum())
-            for one, size in both
-            if one is not None
-        )
+        return sum(int((one.at_limit_c & self._held_c()).sum()) for one in self.turning_limits)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the counts by name, as plain values."""

@@ -239,7 +239,7 @@ def _touching(
     if np.any(friction.damping):
         dashpots = tangential_elements(found, radius, slack, damping_c, none, friction.damping)[0]
     turning = scene.effects, found, scene.packing, turning_forces(scene, found, cap)
-    return [springs, *turning_springs(*turning)], [dashpots, *turning_springs(*turning, normal_c=cap)]
+    return [springs, *turning_springs(*turning)[0]], [dashpots, *turning_springs(*turning, normal_c=cap)[0]]
 
 
 @honors(

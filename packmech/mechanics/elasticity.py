@@ -95,6 +95,8 @@ def _headline(one: Moduli) -> str:
     words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}"
     if len(one.at_limit_k):
         words += f"; {len(one.at_limit_k)} contacts at the Coulomb limit: {one.at_limit_motion}"
+    if one.turning_at_limit:
+        words += f"; {one.turning_at_limit} springs against turning at their limit: {one.at_limit_motion}"
     return unless_at_rest(one.force_residual, one.at_rest, words)
 
 
@@ -143,6 +145,9 @@ class Moduli:
     at_limit_k, sliding_k
         With friction the contacts at the Coulomb limit that took part, and those of them that slide, by their numbers
         in `contact_forces(scene)`; what they do is the argument `contacts_at_limit`. Empty without.
+    turning_at_limit, turning_sliding
+        How many springs against rolling and twisting, of contacts that took part, are at their limits, and how many of
+        these slip.
     doubtful_at_limit
         How many contacts are so near to the bound between those at the limit and the others that moduli may rest on
         where it lies (`ContactForces.limit`).
@@ -172,6 +177,8 @@ class Moduli:
     seconds: float
     at_limit_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     sliding_k: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    turning_at_limit: int = 0
+    turning_sliding: int = 0
     doubtful_at_limit: int = 0
     at_limit_motion: str = ""
     at_rest: bool = True
@@ -514,7 +521,8 @@ def elastic_moduli(
         Pairs with a gap up to this times the contact distance [1] are contacts; those that do not overlap count with
         u''(1-). None: the rule of `find_contacts`. With friction contacts are pairs that overlap, and no others.
     contacts_at_limit
-        With friction, what contacts at the Coulomb limit do: all "stick" or all "slip", as in `stiffness_matrix`; or a
+        With friction, what contacts at the Coulomb limit do, and springs against rolling and twisting at their limits:
+        all "stick" or all "slip", as in `stiffness_matrix`; or a
         (d, d) strain, such as [[0, 1], [1, 0]] for the shear that `shear_modulus` answers to: those slide that it loads
         and those stick that it unloads, together with the motion that follows. Its sign matters and its size does not.
         The moduli are then the response to this strain, and to others that let the same contacts slide: they hold for
@@ -606,6 +614,8 @@ class _RoughResponse(NamedTuple):
     consistent: bool
     sliding_k: NDArray[np.int64]
     at_limit_k: NDArray[np.int64]
+    turning_at_limit: int
+    turning_sliding: int
     doubtful: int
     virial: float
 
@@ -627,8 +637,10 @@ def _rough_response(
         system,
         relaxation,
         consistent,
-        contacts.chosen_c[sliding],
-        contacts.chosen_c[contacts.at_limit_c],
+        contacts.chosen_c[sliding[0]],
+        contacts.chosen_c[contacts.at_limit_sc[0]],
+        int(np.count_nonzero(contacts.at_limit_sc[1:])),
+        int(np.count_nonzero(sliding[1:])),
         int(np.count_nonzero(contacts.doubtful_c)),
         float((contacts.forces.force_cd * contacts.network.contacts.vector_cd).sum())
         + float(np.trace(contacts.network.interactions.virial())),
@@ -695,6 +707,8 @@ def _moduli(
         seconds=time.process_time() - start,
         at_limit_k=none if rough is None else rough.at_limit_k,
         sliding_k=none if rough is None else rough.sliding_k,
+        turning_at_limit=0 if rough is None else rough.turning_at_limit,
+        turning_sliding=0 if rough is None else rough.turning_sliding,
         doubtful_at_limit=0 if rough is None else rough.doubtful,
     )
 

@@ -3,9 +3,10 @@
 Forces with friction have no energy. What stands in for the Hessian is minus the derivative of the generalized forces,
 with the tangential springs carried along as the engine carries them (`packmech.contacts.tangential_elements`).
 
-A contact at the Coulomb limit sticks where the motion unloads it, k T.ds/|T| < mu dN, and slides where it does not, so
-that the response is linear only among motions that unload the same contacts: each direction of strain has a set of
-sliding contacts that agrees with the motion it leads to (`find_sliding`).
+A contact at the Coulomb limit sticks where the motion unloads it, k T.ds/|T| < mu dN, and slides where it does not, and
+so do springs against rolling and twisting at their own limits. The response is linear only among motions that unload
+the same springs: each direction of strain has a set of sliding ones that agrees with the motion it leads to
+(`find_sliding`).
 Then, and wherever contacts carry tangential forces, the matrix is not symmetric (Chattoraj, Gendelman, Pica Ciamarra
 and Procaccia, Phys. Rev. Lett. 123, 098003 (2019)).
 """
@@ -28,7 +29,8 @@ from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.elements import pair_rows
 from packmech.contacts.tangential_elements import tangential_elements
-from packmech.effects import ContactTerms, at_contact, friction_or_zero
+from packmech.contacts.turning_elements import TurningLimits
+from packmech.effects import ContactTerms, at_contact, friction_or_zero, rolling_spring_of, twisting_of
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces, unless_at_rest
@@ -57,18 +59,22 @@ def check_frictional(kind: Kind, contacts_at_limit: str = "stick", gap_tolerance
 
 
 class FrictionalNetwork(NamedTuple):
-    """The contacts that hold a frictional packing, derivatives of their energies, and who took part."""
+    """The contacts that hold a frictional packing, derivatives of their energies, and who took part.
+
+    at_limit_sc are their springs at the limit: of friction, against rolling, and against twisting, (3, C). doubtful_c
+    are contacts of which that is doubtful for one of them.
+    """
 
     network: Network
     forces: ContactForces
     terms: ContactTerms
     chosen_c: NDArray[np.int64]
-    at_limit_c: NDArray[np.bool_]
+    at_limit_sc: NDArray[np.bool_]
     doubtful_c: NDArray[np.bool_]
 
     def sliding(self, contacts_at_limit: str) -> NDArray[np.bool_]:
-        """Return the (C,) contacts that slide where those at the limit all stick, or all slip."""
-        return self.at_limit_c & (contacts_at_limit == "slip")
+        """Return the (3, C) springs that slide where those at the limit all stick, or all slip."""
+        return self.at_limit_sc & (contacts_at_limit == "slip")
 
 
 def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
@@ -79,18 +85,21 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     chosen = np.flatnonzero(kept[found.contacts.i_c] & kept[found.contacts.j_c])
     contacts = found.contacts.select(chosen)
     forces = ContactForces(scene, contacts, found.normal_c[chosen], found.tangential_cd[chosen])
-    # a contact without a tangential force has no direction to slide in
-    limit = found.limit.at_limit_c & found.tangential_cd.any(axis=1)
+    # a spring without a force has no direction to slide in
+    borne = found.tangential_cd.any(axis=1), found.turning.rolling_cd.any(axis=1), found.turning.twisting_c != 0.0
+    limits = (found.limit, *found.turning_limits)
+    at_limit = np.stack([one.at_limit_c & there for one, there in zip(limits, borne, strict=True)])
+    doubtful = np.any([one.doubtful_c for one in limits], axis=0)
     network = network_among(scene.packing, contacts, kept, scene.effects, scene.packing.spin_nkk)
     return FrictionalNetwork(
-        network, forces, closed_terms(scene, contacts), chosen, limit[chosen], found.limit.doubtful_c[chosen]
+        network, forces, closed_terms(scene, contacts), chosen, at_limit[:, chosen], doubtful[chosen]
     )
 
 
 def frictional_system(
-    scene: Scene, found: FrictionalNetwork, kind: Kind, sliding_c: NDArray[np.bool_]
+    scene: Scene, found: FrictionalNetwork, kind: Kind, sliding_sc: NDArray[np.bool_]
 ) -> tuple[System, NDArray[np.float64]]:
-    """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
+    """Return minus the derivatives of forces, torques and stress, and (3, C, X) ones of what passes limits."""
     network, terms, friction = found.network, found.terms, friction_or_zero(scene.effects)
     friction = at_contact(friction, terms.second_c * network.contacts.push_c**2, 0.0)
     contacts, beyond = tangential_elements(
@@ -101,27 +110,37 @@ def frictional_system(
         found.forces.tangential_cd,
         friction.stiffness,
         friction.coefficient,
-        sliding_c,
+        sliding_sc[0],
         kind,
     )
-    turning = turning_springs(scene.effects, network.contacts, network.packing, found.forces.turning, kind)
+    resisting = rolling_spring_of(scene.effects), twisting_of(scene.effects)
+    growth = np.sign(terms.first_c) * terms.second_c
+    slopes = np.stack([(0.0 if one is None else one.coefficient) * growth for one in resisting])
+    limits = TurningLimits(sliding_sc[1:], slopes)
+    turning, turned = turning_springs(
+        scene.effects, network.contacts, network.packing, found.forces.turning, kind, limits=limits
+    )
     surfaces = (contacts, *turning, *across_bonds(scene.effects, network))
-    return assembled_system(scene, network, kind, surfaces=surfaces), beyond
+    past = np.zeros((3, *beyond.shape))
+    past[0] = beyond
+    if turned is not None:
+        past[1:] = turned
+    return assembled_system(scene, network, kind, surfaces=surfaces), past
 
 
 class SlidingResponse(NamedTuple):
-    """A system with the contacts that slide in it, how it relaxes, and whether that set agrees with the motion."""
+    """A system with the springs that slide in it, how it relaxes, and whether that set agrees with the motion."""
 
     system: System
     relaxation: RelaxedStrains
-    sliding_c: NDArray[np.bool_]
+    sliding_sc: NDArray[np.bool_]
     consistent: bool
 
 
 def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: NDArray[np.float64]) -> SlidingResponse:
-    """Return the response to a strain in which just those contacts at the limit slide that it loads.
+    """Return the response to a strain in which just those springs at the limit slide that it loads.
 
-    Sets are tried from all that stick on: every contact at the limit changes over that disagrees with the motion, and
+    Sets are tried from all that stick on: every spring at the limit changes over that disagrees with the motion, and
     where that goes round in circles the first of them alone (Murty's rule for linear complementarity problems).
 
     Parameters
@@ -134,23 +153,24 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
         (s,) Mandel strain; its size is of no matter, its sign is.
 
     """
-    sliding, seen = np.zeros(len(found.at_limit_c), dtype=bool), set[bytes]()
-    numbers = np.flatnonzero(found.at_limit_c)
+    sliding, seen = np.zeros(found.at_limit_sc.shape, dtype=bool), set[bytes]()
+    numbers = np.flatnonzero(found.at_limit_sc)
     network, d = found.network, found.network.dimension
     for _ in range(_SETS):
         system, beyond = frictional_system(scene, found, kind, sliding)
         relaxation = relax(system)
         one = system.elements[0]
-        rows = pair_rows(one.i_c, one.j_c, beyond, network.turn_nkt, d)
-        strained = np.einsum("ca,mab,cb->cm", beyond[:, :d], mandel_basis(d), one.vector_cd)
-        past = (rows @ relaxation.motion_xe + strained) @ strain_e
-        wrong = numbers[(past[numbers] > 0.0) != sliding[numbers]]
+        i, j = (np.tile(each, len(beyond)) for each in (one.i_c, one.j_c))
+        rows = pair_rows(i, j, beyond.reshape(-1, beyond.shape[2]), network.turn_nkt, d)
+        strained = np.einsum("sca,mab,cb->scm", beyond[:, :, :d], mandel_basis(d), one.vector_cd)
+        past = (rows @ relaxation.motion_xe + strained.reshape(rows.shape[0], -1)) @ strain_e
+        wrong = numbers[(past[numbers] > 0.0) != sliding.ravel()[numbers]]
         if not len(wrong):
             return SlidingResponse(system, relaxation, sliding, True)
         sliding = sliding.copy()
         changed = wrong if sliding.tobytes() not in seen else wrong[:1]
         seen.add(sliding.tobytes())
-        sliding[changed] ^= True
+        sliding.ravel()[changed] ^= True
     return SlidingResponse(system, relaxation, sliding, False)
 
 
@@ -187,7 +207,8 @@ def stiffness_matrix(
         their tangential force follows the coefficient times the change of the normal force, as in motions that load
         them all. Most motions do neither: some contacts stick and some slip, which `elastic_moduli` finds for a given
         strain. With less and less friction moduli go over to those without it smoothly if contacts slip only (Henkes,
-        van Hecke and van Saarloos, EPL 90, 14003 (2010)). Springs against rolling and twisting stick at their limit.
+        van Hecke and van Saarloos, EPL 90, 14003 (2010)). Springs against rolling and twisting at their
+        limits do the same.
     strain_scale
         As in `hessian`.
 

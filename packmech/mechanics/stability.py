@@ -223,7 +223,7 @@ def _sticking(scene: Scene, unbalanced: float) -> Stability:
     second-order work is. That is asked first, because it bounds the eigenvalues and a factorization answers it.
     """
     found = frictional_network(scene, "keep")
-    network, none = found.network, np.zeros(len(found.at_limit_c), dtype=bool)
+    network, none = found.network, np.zeros(found.at_limit_sc.shape, dtype=bool)
     matrix = frictional_system(scene, found, "exact", none)[0].matrix()
     bound = max(_CERTAIN_STICKING * float(np.abs(matrix.diagonal()).max(initial=0.0)), _SIDEWAYS * unbalanced)
     rows = sp.csr_array(network.link_rows[0][:, network.free_f])

@@ -21,7 +21,7 @@ from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, PairGeometry, elements_of, sum_slopes
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.tangential_elements import tangential_elements
-from packmech.contacts.turning_elements import turning_elements
+from packmech.contacts.turning_elements import TurningLimits, turning_elements
 from packmech.effects import (
     ContactTerms,
     acts_on_single,
@@ -249,8 +249,11 @@ def turning_springs(
     kind: Kind = "exact",
     *,
     normal_c: NDArray[np.float64] | None = None,
-) -> list[Elements]:
+    limits: TurningLimits | None = None,
+) -> tuple[list[Elements], NDArray[np.float64] | None]:
     """Return the springs against rolling and twisting of contacts, or their dashpots; or nothing.
+
+    And the derivatives of what passes their limits, as `turning_elements` does; None without springs.
 
     Dashpots are those of small motions about rest, below any limit.
 
@@ -266,6 +269,8 @@ def turning_springs(
         "exact" or "unstressed".
     normal_c
         (C,) normal forces that limits are made of, where dashpots are asked for [force].
+    limits
+        Those of springs, where some slip.
 
     """
     parts = (forces.rolling_cd, forces.twisting_c)
@@ -278,8 +283,9 @@ def turning_springs(
         sizes = [0.0 if one is None else at_normal_force(one, normal_c).damping for one in resisting]
         parts, kind = (np.zeros_like(parts[0]), np.zeros_like(parts[1])), "unstressed"
     if not any(resisting):
-        return []
-    return [turning_elements(contacts, packing.radius_n, *parts, (sizes[0], sizes[1]), kind)]
+        return [], None
+    found, beyond = turning_elements(contacts, packing.radius_n, *parts, (sizes[0], sizes[1]), kind, limits)
+    return [found], beyond
 
 
 def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTerms:

@@ -165,6 +165,52 @@ def test_a_sliding_contact_follows_the_normal_force_and_a_returning_one_is_a_spr
             assert np.abs(other @ motion - told).max() > 0.1 * np.abs(told).max()
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_springs_against_rolling_and_twisting_at_their_limits_follow_the_normal_force_and_returning_ones_are_springs(d):
+    """Forces and torques of the engine on two discs, and two spheres, one step on; friction is far from its limit."""
+    rolling, twisting = pm.RollingResistance(0.2, 0.4), pm.TwistingResistance(0.1, 0.6)
+    place = np.full((2, d), 1.0)
+    place[1] += np.array([0.6, 0.65, 0.2][:d])
+    normal = (place[1] - place[0]) / np.linalg.norm(place[1] - place[0])
+    across = np.array([-normal[1], normal[0], 0.0])[:d]
+    across /= np.linalg.norm(across)
+    force = 1.0 - np.linalg.norm(place[1] - place[0])
+    # a hair beyond them, to be cut
+    rolled, twisted = ((1.0 + 1e-12) * one.coefficient * force / one.stiffness for one in (rolling, twisting))
+    springs = pm.TangentialDisplacements(
+        [0], [1], [[0] * d], [[0.01]] if d == 2 else [0.01 * across],
+        rolling_ck=[[rolled]] if d == 2 else [rolled * across], twisting_c=None if d == 2 else [twisted],
+    )  # fmt: skip
+    pair = pm.Packing(place, [0.55, 0.45], pm.Box.cubic(5.0, d), tangential=springs)
+    scene = pm.Scene(pair, (HARD, pm.Friction(0.4, 0.7), *(rolling, twisting)[: d - 1]))
+    found = pm.contact_forces(scene)
+    assert [one.at_limit_c.tolist() for one in (found.limit, *found.turning_limits)] == [[False], [True], [d == 3]]
+    velocity, spin = motions(scene)
+    # on along both moments, whatever else moves
+    ahead = np.array([1.0]) if d == 2 else np.cross(normal, across) + normal
+    spin[1] += 20.0 * ahead
+    spin[0] -= 20.0 * ahead
+    motion = as_motion(pair, velocity, spin)
+    now = as_forces(pair, found.force_nd, found.torque_nk)
+    for sign, choice in ((1.0, "slip"), (-1.0, "stick")):
+        one, two = ((pushes(scene, sign * velocity, sign * spin, h) - now) / (sign * h) for h in (2e-6, 1e-6))
+        expected = pm.stiffness_matrix(scene, "none", contacts_at_limit=choice) @ motion
+        assert np.abs(expected + (2.0 * two - one)).max() < 1e-7 * np.abs(expected).max()
+        other = pm.stiffness_matrix(scene, "none", contacts_at_limit={"slip": "stick", "stick": "slip"}[choice])
+        assert np.abs(other @ motion - expected).max() > 0.1 * np.abs(expected).max()
+    # rolling on along the force, and twisting on, meets no resistance, and rolling across the force in space does
+    matrix = pm.stiffness_matrix(scene, "none", contacts_at_limit="slip")
+    turns = np.array([[1.0]]) if d == 2 else np.stack([np.cross(normal, across), normal, across])
+    arm = (0.55 * 0.45) * (1.0 - force)
+    for k, turn in enumerate(turns):
+        # so that the contact does not slip: both turn with equal speeds of their surfaces
+        sides = np.stack([-turn / 0.55, turn / 0.45]) if k != 1 else np.stack([-turn, turn])
+        torque = (matrix @ as_motion(pair, np.zeros((2, d)), sides)).reshape(2, -1)[:, d:] * gyration(pair)
+        stiffness = float(torque[1] @ turn)
+        spring = arm**2 * 0.4 * (1.0 / 0.55 + 1.0 / 0.45) if k == 2 else 0.0
+        assert stiffness == pytest.approx(spring, rel=1e-9, abs=1e-12)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_without_friction_it_is_the_hessian_and_no_bit_of_the_moduli_differs(dimension):
     scene = at_rest(dimension)
