@@ -95,8 +95,6 @@ def _headline(one: Moduli) -> str:
     words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}"
     if len(one.at_limit_k):
         words += f"; {len(one.at_limit_k)} contacts at the Coulomb limit: {one.at_limit_motion}"
-    if one.turning_at_limit:
-        words += f"; {one.turning_at_limit} springs against turning at their limit: {one.at_limit_motion}"
     return unless_at_rest(one.force_residual, one.at_rest, words)
 
 

@@ -327,11 +327,11 @@ def test_moduli_go_over_to_those_without_friction_where_contacts_slip_and_not_wh
 
 
 @functools.cache
-def pressed(dimension):
-    """Return a scene pressed until it is at rest, with contacts at the Coulomb limit."""
+def pressed(dimension, *turning):
+    """Return a scene pressed until it is at rest, with contacts, and what resists turning, at their limits."""
     sizes, fraction = (pm.Bidisperse(ratio=1.4), 0.7) if dimension == 2 else (pm.Monodisperse(), 0.5)
     packing = pm.random_packing(32, dimension=dimension, sizes=sizes, packing_fraction=fraction, seed=1)
-    scene = pm.Scene(packing, (HARD, pm.ContactDamping(0.3), pm.Friction(0.1, 1.0, 0.1)))
+    scene = pm.Scene(packing, (HARD, pm.ContactDamping(0.3), pm.Friction(0.1, 1.0, 0.1), *turning))
     for tolerance in (1e-8, 1e-12):
         method = pm.Press(force_tolerance=tolerance)
         scene = scene.replace(packing=pm.jam(scene, pressure=1e-2, strain="isotropic", method=method).packing)
@@ -340,7 +340,8 @@ def pressed(dimension):
 
 def strained(scene, gamma, mode):
     """Return forces after the box was strained by gamma in time, slowly and under a drag, and all came to rest."""
-    slow = scene.replace(effects=(HARD, pm.Friction(0.1, 1.0), pm.BackgroundDamping(0.3)))
+    turning = [one._replace(damping=0.0) for one in scene.effects if isinstance(one, pm.RollingResistance)]
+    slow = scene.replace(effects=(HARD, pm.Friction(0.1, 1.0), *turning, pm.BackgroundDamping(0.3)))
     applied = pm.SteadyStrain(gamma / 2000.0, duration=2000.0, mode=mode)
     run = pm.simulate(slow, duration=3000.0, dt=0.1, applied_strain=applied)
     return pm.contact_forces(scene.replace(packing=run.packing))
@@ -371,6 +372,21 @@ def test_moduli_of_a_strain_are_those_of_simulated_strains_of_both_signs(dimensi
         after = strained(scene, sign * size, "isotropic")
         simulated = (before.pressure - after.pressure) / (sign * size * dimension)
         assert moduli.bulk_modulus == pytest.approx(simulated, rel=1e-3)
+
+
+def test_moduli_of_a_strain_with_springs_at_the_rolling_limit_are_those_of_simulated_strains_of_both_signs():
+    scene, size = pressed(2, pm.RollingResistance(0.06, 1.0, 0.1)), 1e-7
+    shear = np.array([[0.0, 1.0], [1.0, 0.0]])
+    before = pm.contact_forces(scene)
+    stick, slip = (pm.elastic_moduli(scene, contacts_at_limit=choice) for choice in ("stick", "slip"))
+    count = int(before.turning_limits[0].at_limit_c.sum())
+    assert stick.turning_sliding == 0 < slip.turning_sliding == slip.turning_at_limit == stick.turning_at_limit == count
+    for sign in (1.0, -1.0):
+        moduli = pm.elastic_moduli(scene, contacts_at_limit=sign * shear)
+        assert 0 < moduli.turning_sliding < count and moduli.doubtful_at_limit == 0
+        simulated = (strained(scene, sign * size, "shear").stress_dd - before.stress_dd)[0, 1] / (sign * size)
+        assert moduli.shear_modulus == pytest.approx(simulated, rel=1e-3)
+        assert slip.shear_modulus < 0.99 * simulated < 0.95 * stick.shear_modulus
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
