@@ -47,10 +47,11 @@ from packmech.jit.blas import single_thread
 from packmech.measure.counting import mean_of_moving
 from packmech.measure.friction import (
     TurningForces,
+    particles_at_walls,
     sum_both,
     tangential_forces,
     turning_forces,
-    wall_resistance,
+    wall_springs,
 )
 from packmech.measure.rattlers import find_rattling_clusters, rattlers_among
 from packmech.packing import Packing
@@ -522,9 +523,11 @@ def single_push(scene: Scene) -> SinglePush:
         shaped = shaped_terms(scene.effects, packing)
         return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped, 0.0)
     terms, sides = single_terms(scene.effects, packing), wall_sides(scene.effects, packing)
-    across = wall_resistance(packing, sides)
-    particle = np.concatenate([np.zeros(0, np.int64), *(one.touches.particle_w for one in sides)])
-    force, torque = across.sums(particle, packing.particles)
+    across = wall_springs(packing, sides)
+    particle = particles_at_walls(sides)
+    force, torque = np.zeros_like(packing.position_nd), np.zeros((packing.particles, 1 if d == 2 else 3))
+    np.add.at(force, particle, across.force_wd)
+    np.add.at(torque, particle, across.torque_wk)
     return SinglePush(terms.force_nd + force, torque, terms, float(across.energy_w.sum()))
 
 

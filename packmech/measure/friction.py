@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
+from packmech.contacts.wall_elements import WallSprings
 from packmech.effects import (
     SIDES,
     Repulsion,
@@ -96,72 +97,70 @@ def turning_forces(scene: Scene, contacts: Contacts | ShapeContacts, normal_c: N
     return TurningForces(rolled.force_cd, force[:, 0], arm, rolled.energy_c + energy)
 
 
-class WallResistance(NamedTuple):
-    """What rough walls do across to what touches them, in the order of `wall_sides`: nothing of smooth ones.
-
-    (W, d) forces, (W, 1 or 3) torques, (W,) energies of their springs.
-    """
-
-    force_wd: NDArray[np.float64]
-    torque_wk: NDArray[np.float64]
-    energy_w: NDArray[np.float64]
-
-    def sums(self, particle_w: NDArray[np.int64], particles: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the (N, d) and (N, 1 or 3) sums over what touches walls."""
-        force, torque = (np.zeros((particles, one.shape[1])) for one in (self.force_wd, self.torque_wk))
-        np.add.at(force, particle_w, self.force_wd)
-        np.add.at(torque, particle_w, self.torque_wk)
-        return force, torque
-
-
-def wall_resistance(packing: Packing, sides: list[WallSide]) -> WallResistance:
-    """Return what rough walls do across at rest, by the springs that a packing holds.
+def wall_springs(packing: Packing, sides: list[WallSide]) -> WallSprings:
+    """Return what walls do across to discs and spheres at rest, by the springs that a packing holds.
 
     Parameters
     ----------
     packing
         The packing.
     sides
-        What touches each wall (`wall_sides`).
+        What touches each wall (`wall_sides`), whose order the springs have.
 
     """
     n, d, springs = packing.particles, packing.dimension, packing.tangential
-    turns = 1 if d == 2 else 3
     rough = [one for one in sides if one.wall.roughness is not None]
     # low and high of each
     walls = tuple(one.wall for one in rough[::SIDES])
     _, columns = wall_columns(walls, d)
     stretch_nk = np.zeros((n, columns)) if springs is None or not walls else springs.at_walls(n, columns)
     blocks = iter(np.split(stretch_nk, len(rough), axis=1) if rough else ())
-    found = [WallResistance(np.zeros((0, d)), np.zeros((0, turns)), np.zeros(0))]
+    found = [WallSprings.smooth(np.zeros((0, d)))]
     for one in sides:
+        normal = np.zeros((len(one.touches), d))
+        normal[:, int(one.wall.axis)] = -one.below
         if one.wall.roughness is None:
-            count = len(one.touches)
-            found.append(WallResistance(np.zeros((count, d)), np.zeros((count, turns)), np.zeros(count)))
+            found.append(WallSprings.smooth(normal))
         else:
-            found.append(_resistance(one, d, next(blocks)[one.touches.particle_w]))
-    return WallResistance(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+            found.append(_springs_at(one, normal, next(blocks)[one.touches.particle_w]))
+    return WallSprings(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _resistance(side: WallSide, d: int, stretch_wk: NDArray[np.float64]) -> WallResistance:
+def particles_at_walls(sides: list[WallSide]) -> NDArray[np.int64]:
+    """Return the (W,) particles of the springs of `wall_springs`."""
+    return np.concatenate([np.zeros(0, np.int64), *(one.touches.particle_w for one in sides)])
+
+
+def _springs_at(side: WallSide, normal_wd: NDArray[np.float64], stretch_wk: NDArray[np.float64]) -> WallSprings:
     """Return what a side of rough walls does across, given the columns of its springs (`wall_columns`)."""
-    wall, touches = side.wall, side.touches
+    wall, touches, turns = side.wall, side.touches, 1 if normal_wd.shape[1] == 2 else 3
     rough: Any = springs_of(wall.roughness)
-    turns = 1 if d == 2 else 3
     terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
-    normal = np.zeros((len(touches), d))
-    normal[:, int(wall.axis)] = -side.below
-    push, arm = np.abs(terms.first_c), 0.5 * touches.distance_w
+    push, steep = np.abs(terms.first_c), 2.0 * terms.second_c
     friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
-    here, before = at_contact(friction, 2.0 * terms.second_c, 0.0), stretch_wk[:, turns]
+    here, before = at_contact(friction, steep, 0.0), stretch_wk[:, turns]
     # of `Mindlin`: 0 else
     fallen = (before > 0.0) & (before < here.stiffness)
     slid = stretch_wk[:, :turns] * np.where(fallen, before / here.stiffness, 1.0)[:, None]
-    across = _across(here, slid, normal, push)
-    rolled = _across(rolling, stretch_wk[:, turns + 1 : 2 * turns + 1], normal, push)
+    across = _across(here, slid, normal_wd, push)
+    rolled = _across(rolling, stretch_wk[:, turns + 1 : 2 * turns + 1], normal_wd, push)
     twist, energy = _limited(twisting, stretch_wk[:, -1:], push)
-    turning = TurningForces(across.force_cd + rolled.force_cd, twist[:, 0], arm, across.energy_c)
-    return WallResistance(across.force_cd, turning.moment_ck(normal), across.energy_c + rolled.energy_c + energy)
+    stiffness = np.zeros((len(touches), 3))
+    stiffness[:, 0] = here.stiffness
+    for k, one in enumerate((rolling, twisting)):
+        stiffness[:, 1 + k] = 0.0 if one is None else one.stiffness
+    return WallSprings(
+        normal_wd=normal_wd,
+        arm_w=0.5 * touches.distance_w,
+        push_w=push,
+        push_slope_w=steep,
+        force_wd=across.force_cd,
+        rolling_wd=rolled.force_cd,
+        twisting_w=twist[:, 0],
+        stiffness_w3=stiffness,
+        coefficient_w=np.full(len(touches), float(friction.coefficient)),
+        energy_w=across.energy_c + rolled.energy_c + energy,
+    )
 
 
 def _displacements(scene: Scene, contacts: Contacts | ShapeContacts, name: str) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from packmech.effects import (
     refuse_unknown_to_shapes,
     wall_sides,
 )
-from packmech.measure.friction import wall_resistance
+from packmech.measure.friction import wall_springs
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -64,7 +64,7 @@ def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts
     none = np.zeros(0, np.int64)
     found = [WallContacts(none, none, np.zeros((0, d)), np.zeros(0), np.zeros((0, d)))]
     sides = wall_sides(effects, packing)
-    across_wd, first = wall_resistance(packing, sides).force_wd, 0
+    across_wd, first = wall_springs(packing, sides).force_wd, 0
     for k, wall, side, touches in sides:
         across = across_wd[first : first + len(touches)]
         first += len(touches)

@@ -27,16 +27,31 @@ from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
+from packmech.contacts.coulomb_limit import find_at_limit
 from packmech.contacts.elements import pair_rows
 from packmech.contacts.tangential_elements import tangential_elements
 from packmech.contacts.turning_elements import TurningLimits
-from packmech.effects import ContactTerms, at_contact, friction_or_zero, rolling_spring_of, twisting_of
+from packmech.contacts.wall_elements import WallSprings
+from packmech.effects import (
+    ContactTerms,
+    acts_on_single,
+    at_contact,
+    friction_or_zero,
+    needs_second,
+    rolling_spring_of,
+    twisting_of,
+    wall_sides,
+)
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces, unless_at_rest
+from packmech.measure.friction import particles_at_walls, wall_springs
+from packmech.mechanics.hessian import check_strain_of_box
+from packmech.mechanics.linked_systems import free_translations, rows_on
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms, turning_springs
+from packmech.packing import Packing
 from packmech.scene import Scene
 
 # kinds of stiffness
@@ -58,6 +73,36 @@ def check_frictional(kind: Kind, contacts_at_limit: str = "stick", gap_tolerance
         )
 
 
+class RoughTouches(NamedTuple):
+    """Touches of all particles with walls: which particles, their springs, and which are at the Coulomb limit."""
+
+    particle_w: NDArray[np.int64]
+    springs: WallSprings
+    at_limit_w: NDArray[np.bool_]
+
+    def second(self, packing: Packing, kind: Kind, contacts_at_limit: str) -> NDArray[np.float64] | None:
+        """Return the (N, X, X) derivatives of what walls do across by displacements and rotations; None of smooth ones.
+
+        Those at the limit all stick, or all slip.
+        """
+        if not self.springs.stiffness_w3.any():
+            return None
+        whole = self.springs.second(self.at_limit_w & (contacts_at_limit == "slip"), kind)
+        found = np.zeros((packing.particles, *whole.shape[1:]))
+        np.add.at(found, self.particle_w, whole)
+        return found
+
+
+def rough_touches(scene: Scene, residual: float) -> RoughTouches:
+    """Return what touches the walls of a scene of discs or spheres, with forces known to a part of the mean one."""
+    packing = scene.packing
+    sides = [] if packing.shapes.has_orientations else wall_sides(scene.effects, packing)
+    springs = wall_springs(packing, sides)
+    size = np.sqrt((springs.force_wd**2).sum(axis=1))
+    limit = find_at_limit(size, springs.push_w, springs.coefficient_w, residual)
+    return RoughTouches(particles_at_walls(sides), springs, limit.at_limit_c & (size > 0.0))
+
+
 class FrictionalNetwork(NamedTuple):
     """The contacts that hold a frictional packing, derivatives of their energies, and who took part.
 
@@ -71,6 +116,7 @@ class FrictionalNetwork(NamedTuple):
     chosen_c: NDArray[np.int64]
     at_limit_sc: NDArray[np.bool_]
     doubtful_c: NDArray[np.bool_]
+    walls: RoughTouches
 
     def sliding(self, contacts_at_limit: str) -> NDArray[np.bool_]:
         """Return the (3, C) springs that slide where those at the limit all stick, or all slip."""
@@ -80,6 +126,8 @@ class FrictionalNetwork(NamedTuple):
 def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     """Return the touching pairs of a scene with friction, those of rattlers left out unless these are to be kept."""
     one_of("rattlers", rattlers, ("remove", "keep"))
+    if acts_on_single(scene.effects):
+        needs_second(scene.effects, "second derivatives")
     found = resting_forces(scene, second=True)
     kept = ~found.rattlers_n if rattlers == "remove" else np.ones(scene.packing.particles, dtype=bool)
     chosen = np.flatnonzero(kept[found.contacts.i_c] & kept[found.contacts.j_c])
@@ -92,14 +140,27 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     doubtful = np.any([one.doubtful_c for one in limits], axis=0)
     network = network_among(scene.packing, contacts, kept, scene.effects, scene.packing.spin_nkk)
     return FrictionalNetwork(
-        network, forces, closed_terms(scene, contacts), chosen, at_limit[:, chosen], doubtful[chosen]
+        network,
+        forces,
+        closed_terms(scene, contacts),
+        chosen,
+        at_limit[:, chosen],
+        doubtful[chosen],
+        rough_touches(scene, found.residual),
     )
 
 
 def frictional_system(
-    scene: Scene, found: FrictionalNetwork, kind: Kind, sliding_sc: NDArray[np.bool_]
+    scene: Scene,
+    found: FrictionalNetwork,
+    kind: Kind,
+    sliding_sc: NDArray[np.bool_],
+    contacts_at_limit: str = "stick",
 ) -> tuple[System, NDArray[np.float64]]:
-    """Return minus the derivatives of forces, torques and stress, and (3, C, X) ones of what passes limits."""
+    """Return minus the derivatives of forces, torques and stress, and (3, C, X) ones of what passes limits.
+
+    Contacts slide as they are given, those with walls as `contacts_at_limit` says.
+    """
     network, terms, friction = found.network, found.terms, friction_or_zero(scene.effects)
     friction = at_contact(friction, terms.second_c * network.contacts.push_c**2, 0.0)
     contacts, beyond = tangential_elements(
@@ -125,7 +186,8 @@ def frictional_system(
     past[0] = beyond
     if turned is not None:
         past[1:] = turned
-    return assembled_system(scene, network, kind, surfaces=surfaces), past
+    walls = found.walls.second(scene.packing, kind, contacts_at_limit)
+    return assembled_system(scene, network, kind, surfaces=surfaces, walls_nxx=walls), past
 
 
 class SlidingResponse(NamedTuple):
@@ -174,7 +236,7 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
     return SlidingResponse(system, relaxation, sliding, False)
 
 
-@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
+@honors("repulsion friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
 def stiffness_matrix(
     scene: Scene,
     strain: BoxStrain = "free",
@@ -192,7 +254,8 @@ def stiffness_matrix(
     where no contact carries a tangential force and none slides. Without friction, or with a coefficient of 0, its part
     for positions and strains is `hessian` where discs and spheres are not linked. Rotations are about the principal
     axes of the particles. Links, which are constraints, add what their forces do as they turn; bonds and interactions
-    beyond contact act as springs.
+    beyond contact act as springs. Walls, rough ones too, and other potentials of single particles add to the blocks on
+    the diagonal; rows and columns of what is held are zero, and none of these follows a strain of the box.
 
     Parameters
     ----------
@@ -232,11 +295,11 @@ def stiffness_matrix(
     one_of("strain", strain, STRAINS)
     if strain not in ("none", "free"):
         raise ValueError(f"strain must be 'none' or 'free' for pm.stiffness_matrix, got {strain!r}")
+    check_strain_of_box(scene, strain)
     found = frictional_network(scene, "keep")
-    system, _ = frictional_system(scene, found, kind, found.sliding(contacts_at_limit))
+    system, _ = frictional_system(scene, found, kind, found.sliding(contacts_at_limit), contacts_at_limit)
     everything = np.ones(system.network.free_f.size, dtype=bool)
-    matrix = system.matrix(everything)
-    matrix.eliminate_zeros()
+    matrix = system.whole_matrix()
     if strain == "none":
         return matrix
     scale = scale_of_strain(scene.packing, strain_scale)
@@ -313,7 +376,7 @@ class FrictionalModes:
 
 
 @shown_as("frictional modes")
-@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
+@honors("repulsion friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
 def frictional_modes(
     scene: Scene,
     count: int | None = None,
@@ -326,16 +389,17 @@ def frictional_modes(
     """Return the modes of a frictional packing in its box: those nearest to zero, or all of them.
 
     They are solutions of stiffness q = eigenvalue * inertia q, with `stiffness_matrix` and the particles' masses and
-    moments of inertia, m r^2 / 2 in the plane and 2 m r^2 / 5 in space. Spheres that two contacts hold can turn about
-    the chord between these, a mode near zero each, where nothing resists rolling or twisting.
+    moments of inertia, m r^2 / 2 in the plane and 2 m r^2 / 5 in space. What is held stays. Uniform translations that
+    cost nothing are left out, d of them, fewer beside walls or what is held. Spheres that two contacts hold can turn
+    about the chord between these, a mode near zero each, where nothing resists rolling or twisting.
 
     Parameters
     ----------
     scene
         The scene; its packing should be at rest. Links keep their lengths.
     count
-        How many modes, counted from zero by the size of the eigenvalue and without the d translations; None for all. A
-        packing with fewer gives those it has.
+        How many modes, counted from zero by the size of the eigenvalue and without uniform translations; None for all.
+        A packing with fewer gives those it has.
     kind, contacts_at_limit
         As in `stiffness_matrix`.
     rattlers
@@ -371,19 +435,15 @@ def frictional_modes(
     packing = scene.packing
     d, k = packing.dimension, 1 if packing.dimension == 2 else 3
     found = frictional_network(scene, rattlers)
-    network = found.network
-    index = network.index_n
-    root = np.repeat(np.sqrt(packing.mass_n[index]), d + k)
+    network, index, free = found.network, found.network.index_n, found.network.free_f
+    root = np.repeat(np.sqrt(packing.mass_n[index]), d + k)[free]
     with single_thread():
-        system, _ = frictional_system(scene, found, kind, found.sliding(contacts_at_limit))
+        system, _ = frictional_system(scene, found, kind, found.sliding(contacts_at_limit), contacts_at_limit)
         matrix = sp.csr_array(system.matrix().multiply(1.0 / root[:, None]).multiply(1.0 / root[None, :]))
         symmetric = is_symmetric(matrix)
-        shift = np.zeros((len(root), d))
-        for a in range(d):
-            shift[a :: d + k, a] = root[a :: d + k]
-        shift /= np.sqrt((root[:: d + k] ** 2).sum()) if len(index) else 1.0
-        rows = sp.csr_array(network.link_rows[0].multiply(1.0 / root[None, :]))
-        available = max(len(root) - d - rows.shape[0], 0)
+        rows, axis = _link_rows(network, root), np.nonzero(network.free_nq)[1]
+        shift = free_translations(matrix, rows, root, axis, d, network.anchored)
+        available = max(len(root) - shift.shape[1] - rows.shape[0], 0)
         wanted = available if wanted is None else min(wanted, available)
         largest = float(abs(matrix).sum(axis=0).max()) if len(root) else 0.0
         small = len(root) <= _DENSE_ROWS or count is None or wanted > len(root) // 4
@@ -402,7 +462,9 @@ def frictional_modes(
     whole = resting_forces(scene)
     whole.warn_of_rattlers(packing.particles - len(index))
     worst = float(np.sqrt((np.abs(error) ** 2).sum(axis=0)).max(initial=0.0))
-    vector = (vector / root[:, None]).T.reshape(len(value), len(index), d + k)
+    whole_mf = np.zeros((len(value), len(free)), dtype=complex)
+    whole_mf[:, free] = (vector / root[:, None]).T
+    vector = whole_mf.reshape(len(value), len(index), d + k)
     motion = np.zeros((len(value), packing.particles, d), dtype=complex)
     rotation = np.zeros((len(value), packing.particles, k), dtype=complex)
     motion[:, index] = vector[..., :d]
@@ -421,6 +483,18 @@ def frictional_modes(
         seconds=time.process_time() - start,
         at_rest=whole.at_rest,
     )
+
+
+def _link_rows(network: Network, root_f: NDArray[np.float64]) -> sp.csr_array:
+    """Return independent rows that vanish on what keeps the links, by the free coordinates times roots of masses."""
+    d, free = network.dimension, network.free_nq
+    place = np.zeros(free.shape, dtype=bool)
+    place[:, :d] = True
+    place_f = place[free]
+    unstrained = np.zeros((d * (d + 1) // 2, 0))
+    rows = rows_on(network.links, free[:, :d].ravel(), 1.0 / root_f[place_f], unstrained, 1.0)
+    column = np.flatnonzero(place_f)[rows.indices]
+    return sp.csr_array((rows.data, column, rows.indptr), shape=(rows.shape[0], len(root_f)))
 
 
 def _sorted_modes(

@@ -130,14 +130,10 @@ def hessian(
     check_choices(kind, strain, volume_curvature)
     check_strain_of_box(scene, strain)
     system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep", strained=strain != "none")
-    everything, free = np.ones(system.network.free_f.size, dtype=bool), system.network.free_f
-    position = system.matrix(everything)
-    if (system.network.free_nq != system.network.there_nq).any():
-        moving = sp.diags_array(free.astype(float), format="csr")
-        position = sp.csr_array(moving @ position @ moving)
-    position.eliminate_zeros()
+    position = system.whole_matrix()
     if strain == "none":
         return position
+    everything = np.ones(system.network.free_f.size, dtype=bool)
     scale = scale_of_strain(scene.packing, strain_scale)
     corner = corner_of(system, kind, strain, volume_curvature)
     return bordered(position, system.column(everything) / scale, corner / scale**2)

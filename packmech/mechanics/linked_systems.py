@@ -16,6 +16,8 @@ from scipy.sparse.csgraph import connected_components
 from packmech.constraints.factor import DEPENDENT, ConstraintFactor, admitted_strains
 from packmech.linalg.factor import Factorization, NotDefinite, eigenvalues_below, factor_saddle, factorize
 
+# a translation costs nothing where it costs this part of the largest eigenvalue, which is rounding
+_NO_COST = 1e-12
 # eigenvalues below this fraction of their scale are zero: pinned Hessians of jammed packings stay above 1e-7
 SOFT = 1e-10
 # compliance of the links, over that of a mean coordinate, with which a system is factored in any order
@@ -332,6 +334,31 @@ def _independent(rows: sp.csr_array, suspect_r: NDArray[np.bool_]) -> sp.csr_arr
         pivot = np.abs(np.diag(upper))
         kept.append(own[order[: int(np.count_nonzero(pivot > DEPENDENT * pivot[0]))]])
     return sp.csr_array(rows[np.sort(np.concatenate(kept))])
+
+
+def free_translations(
+    matrix: sp.csr_array,
+    rows: sp.csr_array,
+    root: NDArray[np.float64],
+    axis: NDArray[np.int64],
+    dimension: int,
+    anchored: bool,
+) -> NDArray[np.float64]:
+    """Return the uniform translations that cost nothing, as orthonormal columns; root are square roots of masses."""
+    translation = np.zeros((matrix.shape[0], dimension))
+    for a in range(dimension):
+        translation[: len(root)][axis == a, a] = root[axis == a]
+    if not len(root):
+        return translation[:, :0]
+    translation /= np.sqrt((root[axis == 0] ** 2).sum())
+    if not anchored:
+        return translation
+    cost = np.sqrt(((matrix @ translation) ** 2).sum(axis=0))
+    free = cost <= _NO_COST * float(abs(matrix).sum(axis=0).max())
+    # one that links forbid is no motion
+    stretch = np.abs(rows @ translation).max(axis=0, initial=0.0)
+    free &= stretch <= _NO_COST * float(abs(rows).max()) if rows.nnz else True
+    return translation[:, free]
 
 
 def link_motions(rows: sp.csr_array) -> NDArray[np.float64]:

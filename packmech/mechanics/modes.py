@@ -22,7 +22,7 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import strain_directions
 from packmech.measure.contact_forces import resting_forces, unless_at_rest
 from packmech.mechanics.hessian import check_choices, check_strain_of_box, corner_of
-from packmech.mechanics.linked_systems import Operator, link_motions, operator_of, rows_on
+from packmech.mechanics.linked_systems import Operator, free_translations, link_motions, operator_of, rows_on
 from packmech.mechanics.network import Network
 from packmech.mechanics.system import bordered, system_of
 from packmech.scene import Scene
@@ -31,8 +31,6 @@ METHODS = ("auto", "dense", "shift-invert")
 # the shift lies this far below zero, in units of (a bound on) the largest eigenvalue
 _SHIFT = 1e-6
 _DENSE_ROWS = 400
-# a translation costs nothing where it costs this part of the largest eigenvalue, which is rounding
-_NO_COST = 1e-12
 _DENSE_LIMIT = 8192
 _ROUNDS = 6
 # densities at the end of a plateau are averaged over this ratio of frequencies to both sides
@@ -222,7 +220,7 @@ def normal_modes(
         weight = np.concatenate([1.0 / root, np.ones(admitted.shape[1])])
         matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
         rows = rows_on(links, network.free_f, 1.0 / root, admitted, scale)
-        translation = _translations(matrix, rows, root, axis, dimension, network.anchored)
+        translation = free_translations(matrix, rows, root, axis, dimension, network.anchored)
         moving = translation.shape[1]
         operator = operator_of(matrix, rows, dimension)
         available = max(operator.motions - moving, 0) if kept else 0
@@ -291,31 +289,6 @@ def _moving(network: Network, mass_n: NDArray[np.float64]) -> _Moving:
     moves = network.free_nq.any(axis=1)
     index, free = network.index_n[moves], network.free_nq[moves]
     return _Moving(index, free, np.nonzero(free)[1], np.repeat(np.sqrt(mass_n[index]), free.sum(axis=1)))
-
-
-def _translations(
-    matrix: sp.csr_array,
-    rows: sp.csr_array,
-    root: NDArray[np.float64],
-    axis: NDArray[np.int64],
-    dimension: int,
-    anchored: bool,
-) -> NDArray[np.float64]:
-    """Return the uniform translations that cost nothing, as orthonormal columns; root are square roots of masses."""
-    translation = np.zeros((matrix.shape[0], dimension))
-    for a in range(dimension):
-        translation[: len(root)][axis == a, a] = root[axis == a]
-    if not len(root):
-        return translation[:, :0]
-    translation /= np.sqrt((root[axis == 0] ** 2).sum())
-    if not anchored:
-        return translation
-    cost = np.sqrt(((matrix @ translation) ** 2).sum(axis=0))
-    free = cost <= _NO_COST * float(abs(matrix).sum(axis=0).max())
-    # one that links forbid is no motion
-    stretch = np.abs(rows @ translation).max(axis=0, initial=0.0)
-    free &= stretch <= _NO_COST * float(abs(rows).max()) if rows.nnz else True
-    return translation[:, free]
 
 
 def _choose(method: str, rows: int, wanted: int, count: int | None) -> str:
@@ -590,7 +563,7 @@ def density_of_states(
         matrix = sp.csr_array(system.matrix().multiply(weight[:, None]).multiply(weight[None, :]))
         none = np.zeros((dimension * (dimension + 1) // 2, 0))
         rows = rows_on(links, system.network.free_f, weight, none, 1.0)
-        moving = _translations(matrix, rows, root, axis, dimension, system.network.anchored).shape[1]
+        moving = free_translations(matrix, rows, root, axis, dimension, system.network.anchored).shape[1]
         operator = operator_of(matrix, rows, dimension)
         low, high = _ends(operator)
         edge = _edges(bins, low, high)

@@ -133,7 +133,7 @@ def stability(scene: Scene, unbalanced: float = 0.0) -> Stability:
         return Stability(None, reason)
     radius = float(scene.packing.radius_n.min())
     try:
-        if acting_friction(scene.effects) is not None:
+        if acting_friction(scene.effects) is not None or rough_walls(scene.effects):
             return _sticking(scene, unbalanced / radius)
         operator, free = curvature_of(scene)
         bound = stability_bound(_stiffest(operator), unbalanced, radius)
@@ -183,7 +183,7 @@ def _unknown(scene: Scene) -> str:
     if lacking and scene.packing.shapes.has_orientations:
         # pairs are checked where an effect is registered
         return f"{type(lacking[0]).__qualname__} has no body_second"
-    return "second derivatives know no friction of walls" if rough_walls(scene.effects) else ""
+    return ""
 
 
 def _stiffest(operator: Operator) -> float:

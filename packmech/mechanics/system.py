@@ -82,6 +82,16 @@ class System:
         """Return the second derivatives by coordinates, those that can move unless given."""
         return self.assembled.matrix(self.network.free_f if free_f is None else free_f)
 
+    def whole_matrix(self) -> sp.csr_array:
+        """Return the second derivatives by all coordinates, zeros in rows and columns of what is held."""
+        free_nq, there_nq = self.network.free_nq, self.network.there_nq
+        found = self.matrix(np.ones(free_nq.size, dtype=bool))
+        if (free_nq != there_nq).any():
+            moving = sp.diags_array(free_nq.ravel().astype(float), format="csr")
+            found = sp.csr_array(moving @ found @ moving)
+        found.eliminate_zeros()
+        return found
+
     @functools.cached_property
     def _carried_nqe(self) -> NDArray[np.float64]:
         """The (N', q, s) what a strain makes of net forces: it takes displacements along, v -> (1 + strain) v."""
@@ -191,11 +201,13 @@ def assembled_system(
     strained: bool = True,
     link_stiffness: float = 0.0,
     surfaces: Sequence[Elements] = (),
+    walls_nxx: NDArray[np.float64] | None = None,
 ) -> System:
     """Return the second derivatives of a scene's energy on a network; with springs along the links where asked for.
 
     Contacts are those of pairs whose energies depend on their distances alone, unless `surfaces` are given: the
-    contacts, and tangential springs of bonds.
+    contacts, and tangential springs of bonds. `walls_nxx` are (N, X, X) derivatives by positions and rotations of what
+    rough walls do across.
     """
     one = network.contacts
     terms = closed_terms(scene, one)
@@ -216,7 +228,7 @@ def assembled_system(
         elements,
         network.turn_nkt,
         d,
-        single_nqq=single_second(scene, network, kind),
+        single_nqq=single_second(scene, network, kind, walls_nxx),
         basis_edd=None if strained else np.zeros((0, d, d)),
     )
     return System(network, terms, tuple(elements), assembled)
@@ -293,8 +305,12 @@ def closed_terms(scene: Scene, contacts: Contacts | ShapeContacts) -> ContactTer
     return contact_terms(scene.effects, contacts, closing=True)
 
 
-def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArray[np.float64] | None:
+def single_second(
+    scene: Scene, network: Network, kind: Kind = "exact", walls_nxx: NDArray[np.float64] | None = None
+) -> NDArray[np.float64] | None:
     """Return the (N', q, q) second derivatives of what acts on single particles; None where nothing does.
+
+    `walls_nxx` as in `assembled_system`.
 
     Those of effects that give none come from differences of their forces, which err by the square of a millionth of the
     smallest radius, over the length on which the forces change.
@@ -306,6 +322,8 @@ def single_second(scene: Scene, network: Network, kind: Kind = "exact") -> NDArr
     terms = shaped_terms(effects, packing)
     second = (terms.stiffness_nxx if kind == "unstressed" else terms.second_nxx)[index]
     second[:, :d, :d] += _differences(effects, packing)[index]
+    if walls_nxx is not None:
+        second = second + walls_nxx[index]
     change = np.zeros((len(turn), d + turn.shape[1], second.shape[1]))
     change[:, :d, :d] = np.eye(d)
     change[:, d:, d : d + turn.shape[2]] = turn
