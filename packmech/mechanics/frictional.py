@@ -32,6 +32,7 @@ from packmech.effects import ContactTerms, at_contact, friction_or_zero
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis
 from packmech.measure.contact_forces import ContactForces, resting_forces, unless_at_rest
+from packmech.mechanics.modes import lowest_in_words
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms, turning_springs
@@ -224,7 +225,7 @@ def stiffness_matrix(
     return sp.csr_array(sp.block_array([[matrix, side], [below, corner]], format="csr"))
 
 
-@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, f"{len(one)} modes"))
+@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, lowest_in_words(len(one), one.frequency_m)))
 @dataclass(frozen=True, eq=False)
 class FrictionalModes:
     """Modes of a frictional packing, its particles turning too, in order of the eigenvalues' real parts.
