@@ -187,7 +187,9 @@ def as_text(name: str, headline: str, rows: list[Row], further: str = "") -> str
     values = [_cut(row[1], room if row[2] else LETTERS) for row in kept]
     wide = max((len(value) for value, row in zip(values, kept, strict=True) if row[2]), default=0)
     lines = [f"  {a:{first_wide}}  {value:{wide}}  {c}".rstrip() for (a, _, c), value in zip(kept, values, strict=True)]
-    more = [_cut(f"  {further}and " + ", ".join(row[0] for row in rows[most:] if row[0]), LETTERS)] if rows[most:] else []
+    more = (
+        [_cut(f"  {further}and " + ", ".join(row[0] for row in rows[most:] if row[0]), LETTERS)] if rows[most:] else []
+    )
     text = "\n".join([first, *(f"  {line}" for line in others), *(_cut(line, LETTERS) for line in lines), *more])
     return without_negative_zeros(text)
 
@@ -195,7 +197,8 @@ def as_text(name: str, headline: str, rows: list[Row], further: str = "") -> str
 def as_html(name: str, headline: str, rows: list[Row], record: Any) -> str:
     """Return a result as a table of a notebook, with a small picture where there is something to see."""
     cells = "".join(
-        f"<tr><td style='text-align:left'><b>{html.escape(a)}</b></td><td style='text-align:left'>{html.escape(without_negative_zeros(b))}</td>"
+        f"<tr><td style='text-align:left'><b>{html.escape(a)}</b></td>"
+        f"<td style='text-align:left'>{html.escape(without_negative_zeros(b))}</td>"
         f"<td style='text-align:left;color:#666'>{html.escape(c)}</td></tr>"
         for a, b, c in rows
     )

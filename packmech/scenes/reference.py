@@ -21,9 +21,9 @@ from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
 _OF_MATERIAL = (
-    "This table has no kind. It stands in place of `[[effects]]`, or beside others: it gives the repulsion, the dashpots "
-    "and the friction of contacts, the density of a packing that names none, and the law, damping and friction of walls "
-    "that name none."
+    "This table has no kind. It stands in place of `[[effects]]`, or beside others: it gives the repulsion, the "
+    "dashpots and the friction of contacts, the density of a packing that names none, and the law, damping and "
+    "friction of walls that name none."
 )
 # fields of packings that mean something else in a file than the argument of that name, or have another name
 _IN_FILES = {
