@@ -414,6 +414,8 @@ from packmech.jit.compiled import kernel as kernel
 #: gel, attraction, cohesion, wet, liquid_bridge -> ShortRangeAttraction, DMT, JKR, CapillaryBridge
 #: reaction, support, floor, weight -> contact_forces, wall_contacts
 #: plastic, plasticity, plastic_events, yielding -> quasistatic_shear, local_yield_stress
+#: heap, pile, angle_of_repose -> settle, SettleDrive, Gravity, Friction
+#: convergence, order_of_convergence, accuracy, step_size -> work_precision, WorkPrecision, Outcome
 #: notebook, html -> plot
 #: import, load, open, read -> read_packing, read_trajectory, from_ase
 #: export, save, write -> write_packing, write_trajectory, to_ase

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, KeysView, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, Protocol, Self, runtime_checkable
@@ -12,7 +12,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import as_html, as_text, shown
+from packmech.calls.display import as_html, as_text, shown, without_negative_zeros
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
 
@@ -220,14 +220,15 @@ class Summary:
 
     def __str__(self) -> str:
         steps = _aligned([STAGE_HEADINGS, *stage_rows(self.stages)])
-        return "\n".join([self.title, *(f"  {line}" for line in [*_aligned(self.rows), "", *steps])])
+        lines = [self.title, *(f"  {line}" for line in [*_aligned(self.rows), "", *steps])]
+        return without_negative_zeros("\n".join(lines))
 
     def markdown(self, title: str | None = None) -> str:
         """Return the text that stands beside a recorded packing: narrow tables, what the values are below them."""
         results = markdown_table((self.title if title is None else title, ""), [row[:2] for row in self.rows])
         steps = markdown_table(STAGE_HEADINGS[:-1], [row[:-1] for row in stage_rows(self.stages)])
         notes = "".join(f"- **{name}**: {note}\n" for name, _, note in self.rows if note)
-        return f"{results}\n{steps}\n{notes}"
+        return without_negative_zeros(f"{results}\n{steps}\n{notes}")
 
 
 @runtime_checkable
@@ -241,19 +242,26 @@ class HasSummary(Protocol):
         """Return what was reached by name, as plain values."""
 
 
-@shown()
+@shown(lambda one: f"{len(one)} observables at {len(one.step_t)} steps")
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Observables against step, kept at the steps that the caller asked for.
 
     ``trace["energy"]`` and ``trace.energy_t`` are the same; observables that were added by `pm.observable` are there by
-    their names.
+    their names. ``for name in trace``, ``name in trace`` and ``dict(trace)`` go through all that were kept.
 
     Attributes
     ----------
-    step_t, energy_t, pressure_t, contacts_t, max_force_t
-        (T,) arrays: step number, energy [energy], pressure [energy/length^d], number of contacts, largest net
-        force [force].
+    step_t
+        (T,) step numbers.
+    energy_t
+        (T,) energies [energy].
+    pressure_t
+        (T,) pressures [energy/length^d].
+    contacts_t
+        (T,) numbers of contacts.
+    max_force_t
+        (T,) largest net forces on a particle [force].
     position_tnd, lattice_tdd
         (T, N, d) positions and (T, d, d) lattice vectors [length], or None when they were not asked for.
     orientation_tnq
@@ -284,6 +292,19 @@ class Trace:
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return the observables that were kept, by name."""
         return columns_in(self, [one.name for one in fields(self)]) | dict(self.added)
+
+    def keys(self) -> KeysView[str]:
+        """Return the names of the observables that were kept."""
+        return self.columns().keys()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.columns())
+
+    def __len__(self) -> int:
+        return len(self.columns())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns()
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         found = self.columns()

@@ -96,6 +96,27 @@ def test_everyday_words_find_what_they_are_called_here(word, name, capsys):
     assert name in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("word", "names", "page"),
+    [
+        ("heap", ("settle", "Gravity"), "friction"),
+        ("pile", ("settle", "SettleDrive"), "friction"),
+        ("convergence", ("work_precision",), "accuracy"),
+        ("polymer", ("chain_packing", "Links"), "links"),
+        ("pull-off", ("JKR", "DMT"), "glossary"),
+        ("reaction", ("contact_forces", "wall_contacts"), "friction"),
+        ("plastic", ("quasistatic_shear",), "shear"),
+    ],
+)
+def test_everyday_words_find_names_and_the_page_to_read(word, names, page, capsys):
+    pm.help(word)
+    said = capsys.readouterr().out
+    assert f"packmech guide {page}" in said
+    assert {f"  {name} " in said for name in names} == {True}
+    # "pile" is no part of "compiled"
+    assert "  kernel " not in said
+
+
 def test_help_names_the_pages_of_the_guide_with_a_heading_on_a_word(capsys):
     pm.help("cohesion")
     said = capsys.readouterr().out

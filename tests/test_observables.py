@@ -30,6 +30,8 @@ def test_an_added_observable_is_in_trace_table_and_recording_of_a_minimization(l
     chunk = pytest.importorskip("rerun.chunk")
     run = pm.quench(SCENE, force_tolerance=1e-6, trace_every=20, trace_positions=True)
     kept = run.trace["largest_overlap"]
+    assert "largest_overlap" in run.trace and list(run.trace) == list(run.trace.keys()) == list(dict(run.trace))
+    assert len(run.trace) == len(run.trace.columns())
     for position_nd, value in zip(run.trace.position_tnd, kept, strict=True):
         packing = SCENE.packing.replace(position_nd=position_nd)
         assert value == pm.find_contacts(packing).overlap_c.max(initial=0.0)

@@ -6,6 +6,7 @@ import dataclasses
 import html
 import importlib
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -24,6 +25,9 @@ _ROUNDING = 1e-12
 _FEW = 6
 # name, value in words, unit or meaning
 Row = tuple[str, str, str]
+
+# a zero with a sign, as a whole number in a text
+_NEGATIVE_ZERO = re.compile(r"(?<![\w.+-])-(0(?:\.0+)?(?:e[+-]00)?)(?![\w.])")
 
 # small pictures of what can be seen; drawn in a room above, found by its name when a notebook asks
 _PICTURE = "packmech.plotting.plot:picture_of"
@@ -46,8 +50,21 @@ def value_with_error(value: float, error: float, sign: str = "+-") -> str:
         value_digits = max(0, math.floor(math.log10(abs(value))) - place) if value else 0
         error_digits = math.floor(math.log10(float(f"{error:.0e}"))) - place
         return f"{value:.{value_digits}e} {sign} {error:.{error_digits}e}"
-    value, error = round(value, -place), round(error, -place)
+    # plus zero: a value that is rounded to zero has no sign
+    value, error = round(value, -place) + 0.0, round(error, -place)
     return f"{value:.{max(0, -place)}f} {sign} {error:.{max(0, -place)}f}"
+
+
+def without_negative_zeros(text: str) -> str:
+    """Return a text in which zeros have no sign.
+
+    Examples
+    --------
+    >>> without_negative_zeros("-0  -0.000  [-0, 1]  -0.5  1e-06  frame-0")
+    '0  0.000  [0, 1]  -0.5  1e-06  frame-0'
+
+    """
+    return _NEGATIVE_ZERO.sub(r"\1", text)
 
 
 def shown(headline: Callable[[Any], str] | None = None) -> Callable[[C], C]:
@@ -87,18 +104,28 @@ def _headline(record: Any, headline: Callable[[Any], str] | None) -> str:
 
 
 def field_rows(record: Any, *, long: bool = False) -> list[Row]:
-    """Return name, value in words and unit (or, if `long`, meaning) of the fields of a record that are not None."""
+    """Return name, value in words and unit of the fields of a record that are not empty.
+
+    If `long`, the meaning stands for the unit, and only those that are None are left out.
+    """
     meanings = meanings_of(type(record))
     names: Any = getattr(record, "_fields", None) or [one.name for one in dataclasses.fields(record) if one.repr]
     rows: list[Row] = []
     for name in names:
         value = getattr(record, name)
-        if value is None or name.startswith("_"):
+        if value is None or name.startswith("_") or (not long and _is_empty(value)):
             continue
         meaning = meanings.get(name, "")
         unit = unit_in(meaning)
         rows.append((name, in_words(value), meaning if long else f"[{unit}]" if unit not in ("", "1") else ""))
     return rows
+
+
+def _is_empty(value: Any) -> bool:
+    """Return whether a value is a text, an array or a collection that holds nothing."""
+    if isinstance(value, np.ndarray):
+        return value.size == 0
+    return isinstance(value, str | tuple | list | Mapping) and len(value) == 0
 
 
 def in_words(value: Any) -> str:
@@ -108,6 +135,8 @@ def in_words(value: Any) -> str:
     --------
     >>> in_words(0.123456789), in_words(np.arange(12.0).reshape(6, 2)), in_words([True] * 9), in_words(np.eye(2) > 0)
     ('0.123457', '(6, 2) array, 0 to 11', '9 of bool', '[[True, False], [False, True]]')
+    >>> in_words(("", "strain"))
+    '(strain)'
 
     """
     if isinstance(value, np.ndarray):
@@ -115,7 +144,7 @@ def in_words(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return f"{value:.6g}"
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
-        short = ", ".join(map(in_words, value[:_FEW]))
+        short = ", ".join(filter(None, map(in_words, value[:_FEW])))
         if len(value) <= _FEW and len(short) < LETTERS // 2:
             return f"({short})"
         kinds = {type(one).__name__ for one in value}
@@ -158,14 +187,18 @@ def as_text(name: str, headline: str, rows: list[Row], further: str = "") -> str
     values = [_cut(row[1], room if row[2] else LETTERS) for row in kept]
     wide = max((len(value) for value, row in zip(values, kept, strict=True) if row[2]), default=0)
     lines = [f"  {a:{first_wide}}  {value:{wide}}  {c}".rstrip() for (a, _, c), value in zip(kept, values, strict=True)]
-    more = [_cut(f"  {further}and " + ", ".join(row[0] for row in rows[most:]), LETTERS)] if rows[most:] else []
-    return "\n".join([first, *(f"  {line}" for line in others), *(_cut(line, LETTERS) for line in lines), *more])
+    more = (
+        [_cut(f"  {further}and " + ", ".join(row[0] for row in rows[most:] if row[0]), LETTERS)] if rows[most:] else []
+    )
+    text = "\n".join([first, *(f"  {line}" for line in others), *(_cut(line, LETTERS) for line in lines), *more])
+    return without_negative_zeros(text)
 
 
 def as_html(name: str, headline: str, rows: list[Row], record: Any) -> str:
     """Return a result as a table of a notebook, with a small picture where there is something to see."""
     cells = "".join(
-        f"<tr><td style='text-align:left'><b>{html.escape(a)}</b></td><td style='text-align:left'>{html.escape(b)}</td>"
+        f"<tr><td style='text-align:left'><b>{html.escape(a)}</b></td>"
+        f"<td style='text-align:left'>{html.escape(without_negative_zeros(b))}</td>"
         f"<td style='text-align:left;color:#666'>{html.escape(c)}</td></tr>"
         for a, b, c in rows
     )

@@ -100,7 +100,8 @@ def print_subjects(
             or not (meant and len(word) < 3)
             and (
                 all(part in subject.lower() for part in parts)
-                or all(part in f"{name} {line}".lower() for part in parts)
+                # of what is said only words that begin so: "pile" is no part of "compiled"
+                or all(part in name.lower() or re.search(rf"\b{re.escape(part)}", line.lower()) for part in parts)
             )
         }
         if rows:

@@ -171,22 +171,25 @@ class ContactForces:
 
         What rigid links add to them is not counted.
         """
-        return self._free(self._on_all_nd.copy())
+        return self._free(self._net_nd(with_pushes=True))
 
     @property
     def reaction_nd(self) -> NDArray[np.float64]:
-        """The (N, d) forces that hold the held particles, such as a floor's; 0 for those that are free [force].
+        """The (N, d) forces that hold the held particles against all others, 0 for those that are free [force].
 
-        They balance contacts, bonds, interactions, weights and pushes of walls at rest: dashpots, and what rigid links
-        add, are not counted.
+        They balance contacts, bonds and interactions at rest. A held particle's own weight, and the push of a wall on
+        it, are not among them, so that the grains of a floor add up to the weight that lies on them, as in the report's
+        "force on supports". Dashpots, and what rigid links add, are not counted.
         """
-        return self._free(self._on_all_nd.copy()) - self._on_all_nd
+        by_others = self._net_nd(with_pushes=False)
+        return self._free(by_others.copy()) - by_others
 
-    @functools.cached_property
-    def _on_all_nd(self) -> NDArray[np.float64]:
-        """The (N, d) net forces, on what is held, too [force]."""
+    def _net_nd(self, *, with_pushes: bool) -> NDArray[np.float64]:
+        """Return the (N, d) net forces, on what is held, too; with what acts on single particles or without [force]."""
         force = self.force_cd
-        net = sum_both(self.contacts, force, -force) + self._pushes.force_nd
+        net = sum_both(self.contacts, force, -force)
+        if with_pushes:
+            net = net + self._pushes.force_nd
         if len(self.interactions):
             net += self.interactions.net()[:, : net.shape[1]]
         return net

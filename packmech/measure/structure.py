@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.calls.display import shown
+from packmech.calls.display import shown, value_with_error
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import brief, finite_array, instance, integer, positive, real
@@ -407,7 +407,7 @@ class CorrelationLength:
     noise_m: NDArray[np.float64]
 
     def __repr__(self) -> str:
-        return f"CorrelationLength: {self.length:.4g} +- {self.error:.2g}, through {len(self.r_m)} maxima"
+        return f"CorrelationLength: {value_with_error(self.length, self.error)}, through {len(self.r_m)} maxima"
 
 
 @shown_as("correlation length")

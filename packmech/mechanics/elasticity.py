@@ -92,7 +92,8 @@ class Average:
 
 
 def _headline(one: Moduli) -> str:
-    words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g}"
+    unit = f"[energy/length^{len(one.stress_dd)}]"
+    words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g} {unit}"
     if len(one.at_limit_k):
         words += f"; {len(one.at_limit_k)} contacts at the Coulomb limit: {one.at_limit_motion}"
     return unless_at_rest(one.force_residual, one.at_rest, words)
@@ -103,22 +104,23 @@ def _headline(one: Moduli) -> str:
 class Moduli:
     """Linear elastic response of a packing, particles relaxed, contact forces included unless left out by name.
 
-    All matrices are in Mandel components (xx, yy, sqrt2 xy; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy) and in
-    [energy/length^d].
+    All matrices are in Mandel components (xx, yy, sqrt2 xy; xx, yy, zz, sqrt2 yz, sqrt2 xz, sqrt2 xy).
 
     Attributes
     ----------
     energy
-        (s, s) second derivatives of the relaxed energy with respect to a symmetric strain, over the volume.
+        (s, s) second derivatives of the relaxed energy with respect to a symmetric strain, over the volume
+        [energy/length^d].
     cauchy
-        (s, s) tangent d(stress)/d(strain) of the Cauchy stress: what an experiment measures. It differs from `energy`
-        by terms of the order of the stress, and is not symmetric under a stress that is not a pressure.
+        (s, s) tangent d(stress)/d(strain) of the Cauchy stress: what an experiment measures [energy/length^d]. It
+        differs from `energy` by terms of the order of the stress, and is not symmetric under a stress that is not a
+        pressure.
     compliance
-        (s, s) inverse of `cauchy`; entries that a soft direction makes infinite are inf.
+        (s, s) inverse of `cauchy` [length^d/energy]; entries that a soft direction makes infinite are inf.
     affine
-        (s, s) `energy` before the particles relax.
+        (s, s) `energy` before the particles relax [energy/length^d].
     stress_dd
-        (d, d) Cauchy stress, tension positive; zero where "unstressed" moduli were asked for.
+        (d, d) Cauchy stress, tension positive [energy/length^d]; zero where "unstressed" moduli were asked for.
     soft_directions
         (k, s) orthonormal strains that cost nothing: their modulus is 0 and their compliance infinite.
     stiff_directions
@@ -128,7 +130,7 @@ class Moduli:
     negative_positions, negative_strains
         Unstable directions: negative eigenvalues of the positions' Hessian, and of `energy`.
     cauchy_least
-        Smallest eigenvalue of the symmetric part of `cauchy`.
+        Smallest eigenvalue of the symmetric part of `cauchy` [energy/length^d].
     floppy_positions
         Zero modes of the positions' Hessian besides translations; they carry no strain.
     particles, contacts

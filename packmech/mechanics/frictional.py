@@ -48,6 +48,7 @@ from packmech.measure.contact_forces import ContactForces, resting_forces, unles
 from packmech.measure.friction import particles_at_walls, wall_springs
 from packmech.mechanics.hessian import check_strain_of_box
 from packmech.mechanics.linked_systems import free_translations, rows_on
+from packmech.mechanics.modes import lowest_in_words
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.relaxation import RelaxedStrains, general_factors, is_symmetric, relax
 from packmech.mechanics.system import System, across_bonds, assembled_system, closed_terms, turning_springs
@@ -308,7 +309,7 @@ def stiffness_matrix(
     return sp.csr_array(sp.block_array([[matrix, side], [below, corner]], format="csr"))
 
 
-@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, f"{len(one)} modes"))
+@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, lowest_in_words(len(one), one.frequency_m)))
 @dataclass(frozen=True, eq=False)
 class FrictionalModes:
     """Modes of a frictional packing, its particles turning too, in order of the eigenvalues' real parts.

@@ -6,7 +6,7 @@ import inspect
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -35,11 +35,22 @@ _DENSE_LIMIT = 8192
 _ROUNDS = 6
 # densities at the end of a plateau are averaged over this ratio of frequencies to both sides
 _WINDOW = 1.25
+# frequencies that a repr names
+_SHOWN = 5
 # enough for all modes that the dense method takes on [bytes]
 _BASIS_BYTES = 3e9
 
 
-@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, f"{len(one.eigenvalue_m)} modes"))
+def lowest_in_words(count: int, frequency_m: NDArray[Any]) -> str:
+    """Return how many modes there are, and the frequencies of the lowest few, in one line."""
+    few = frequency_m[:_SHOWN]
+    if not len(few):
+        return f"{count} modes"
+    more = ", ..." if count > len(few) else ""
+    return f"{count} modes, frequencies {', '.join(f'{one:.5g}' for one in few)}{more} [1/time]"
+
+
+@shown(lambda one: unless_at_rest(one.force_residual, one.at_rest, lowest_in_words(len(one), one.frequency_m)))
 @dataclass(frozen=True, eq=False)
 class Modes:
     """Normal modes in order of their eigenvalues, uniform translations left out.

@@ -364,7 +364,7 @@ def _draw_modes(modes: Modes, ax: Any, *, packing: Any = None, mode: int = 0, sc
     if packing is None:
         frequency_m = modes.frequency_m
         ax.plot(np.arange(len(frequency_m)), frequency_m, color=COLORS[0], **_POINTS)
-        ax.set(xlabel="mode", ylabel=r"angular frequency $\omega$ [1/time]", title="lowest modes")
+        ax.set(xlabel="mode", ylabel=r"angular frequency $\omega$ [1/time]", title="frequencies of the modes")
         ax.locator_params(axis="x", integer=True)
         return
     number = integer("mode", mode, at_least=0, at_most=len(modes.eigenvalue_m) - 1)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.display import value_with_error
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
 from packmech.check import instance, integer, positive, real, two_axes
@@ -170,7 +171,7 @@ class PressureShear(Run):
         return [
             *self.outcome_rows(),
             ("inertial number", f"{self.inertial_number:.4g}", f"at the rate {self.rate:g} and the pressure measured"),
-            *((words, f"{numbers[name]:.5g} +- {numbers[name + '_error']:.2g}", what) for words, name, what in named),
+            *((words, value_with_error(numbers[name], numbers[name + "_error"]), what) for words, name, what in named),
         ]
 
 

@@ -20,6 +20,11 @@ from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
+_OF_MATERIAL = (
+    "This table has no kind. It stands in place of `[[effects]]`, or beside others: it gives the repulsion, the "
+    "dashpots and the friction of contacts, the density of a packing that names none, and the law, damping and "
+    "friction of walls that name none."
+)
 # fields of packings that mean something else in a file than the argument of that name, or have another name
 _IN_FILES = {
     "seed": "Of the random start: the same seed gives the same bits. `--seed` draws another.",
@@ -111,10 +116,14 @@ def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str]
 
 
 def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]]]:
-    """Give the tables of a scene file: title, kinds, kinds of records in fields, parameters that are no fields."""
+    """Give the tables of a scene file: title, kinds, kinds of records in fields, parameters that are no fields.
+
+    A table without a kind has the empty one.
+    """
     laws = kinds_of(registered_laws())
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
     yield "[packing]", PACKINGS, NESTED | nested, ("folder",)
+    yield "[material]", {"": Material}, {}, ()
     yield "[[effects]]", kinds_of(registered_effects()) | {kind_of(bonds): bonds}, nested | LIMITS, ("packing",)
     for name, cls in registered_drives().items():
         methods = {field: kinds_of(classes()) for field, classes in drive_code(cls).nested.items()}
@@ -206,7 +215,7 @@ def scene_reference() -> str:
 
 
 def _kind_text(name: str, maker: Maker, nested: Mapping[str, Kinds], given: tuple[str, ...], level: str) -> list[str]:
-    parts = [f'{level} `kind = "{name}"`', first_sentence(maker)]
+    parts = [f'{level} `kind = "{name}"`' if name else _OF_MATERIAL, first_sentence(maker)]
     fields = fields_of(maker, nested, given=given)
     if fields:
         rows = ["| field | what stands there | default | meaning |", "|---|---|---|---|"]

@@ -167,7 +167,8 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:
 
     Least squares in the logarithms of C h^p for the coarse settings and of a constant for the fine ones, for every
     place of the bend; the best fit stays. A floor needs two settings at least, the power law two (three where there
-    are three or more), so exact data without a floor are fitted without one. Errors of exactly zero are under any
+    are three or more), so exact data without a floor are fitted without one. Errors that fall with an exponent of more
+    than a quarter of the order are no floor: finer settings still help there. Errors of exactly zero are under any
     floor and left out.
 
     Examples
@@ -189,6 +190,8 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:
         residual = float(np.sum((line.slope * log_h_t[:bend] + line.height - log_e_t[:bend]) ** 2))
         floor = 0.0
         if bend < count:
+            if fit_line(log_h_t[bend:], log_e_t[bend:]).slope > _STILL_FALLING * line.slope:
+                continue
             level = float(np.mean(log_e_t[bend:]))
             residual += float(np.sum((log_e_t[bend:] - level) ** 2))
             floor = math.exp(level)
@@ -198,6 +201,10 @@ def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:
             best = (residual, OrderFit(line.slope, math.exp(line.height), floor, moved))
     assert best is not None
     return best[1]
+
+
+# part of the order above which errors still fall and are no floor
+_STILL_FALLING = 0.25
 
 
 def error_heading(quantity: str) -> str:

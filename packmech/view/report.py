@@ -33,7 +33,7 @@ from packmech.effects import (
 from packmech.jamming.classify import METHODS, classify_jamming
 from packmech.jamming.verdict import Verdict, verdict_numbers, verdict_rows
 from packmech.jit.compiled import compile_clock, compiling_noted
-from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in, resting_forces, single_push
+from packmech.measure.contact_forces import contact_forces, force_balance, rattlers_in, resting_forces
 from packmech.measure.counting import mean_contacts, mean_of_moving, packing_fraction
 from packmech.measure.stress import energy, pressure, stress_tensor
 from packmech.measure.walls import wall_contacts
@@ -356,8 +356,7 @@ def _supported(scene: Scene) -> dict[str, Any]:
     walled = any(isinstance(one, Walls) for one in scene.effects)
     if strength == 0.0 or tied or not (walled or held_n.any()):
         return {}
-    # what holds them has to bear their own weight, and pushes of walls, too
-    on_held = -(resting_forces(scene).reaction_nd + single_push(scene).force_nd)[held_n].sum(axis=0)
+    on_held = -resting_forces(scene).reaction_nd.sum(axis=0)
     on_walls = wall_contacts(scene).on_walls() if walled else np.zeros(d)
     return {
         "force_on_held": float(on_held @ pull) / strength,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.calls.display import LETTERS, LINES, in_words, shown, value_with_error
+from packmech.calls.display import LETTERS, LINES, as_text, in_words, shown, value_with_error
 
 LONGEST = 1500
 
@@ -153,10 +153,40 @@ def test_a_value_is_one_short_line(value, words):
         (0.0, 2e-6, "0e+00 +- 2.0e-06"),
         (0.5, math.nan, "0.5"),
         (0.5, 0.0, "0.5 +- 0"),
+        (-0.01, 0.4, "0.0 +- 0.4"),
     ],
 )
 def test_a_value_is_written_to_the_digit_of_its_error(value, error, words):
     assert value_with_error(value, error) == words
+
+
+def test_empty_fields_and_signs_of_zeros_are_left_out():
+    @shown()
+    @dataclasses.dataclass(frozen=True)
+    class Shear:
+        """A shear."""
+
+        strain: float = -0.0
+        stress_d: np.ndarray = dataclasses.field(default_factory=lambda: np.array([-0.0, 1.0]))
+        soft: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))
+        words: tuple[str, ...] = ("", "free", "")
+        note: str = ""
+        added: dict[str, float] = dataclasses.field(default_factory=dict)
+
+    assert repr(Shear()) == "<packmech.Shear>\n  strain    0\n  stress_d  [0, 1]\n  words     (free)"
+    assert "<b>note</b>" in Shear()._repr_html_() and ">-0<" not in Shear()._repr_html_()
+    rows = tuple((name, "-0.000", "") for name in ("", *"abcdefghijklm"))
+    assert as_text("Run", "-0", [*rows[1:], rows[0], rows[0]]).splitlines() == [
+        "<packmech.Run> 0", *(f"  {name}  0.000" for name in "abcdefghij"), "  and k, l, m"
+    ]  # fmt: skip
+    assert "-0" not in str(pm.result.Summary("shear", rows, ()))
+
+
+def test_modes_and_moduli_name_their_lowest_frequencies_and_their_unit(results):
+    first = repr(results["modes"]).splitlines()[0]
+    shown = re.fullmatch(r"<packmech.Modes> 5 modes, frequencies (.*) \[1/time\]", first)
+    assert [float(one) for one in shown[1].split(", ")] == pytest.approx(results["modes"].frequency_m, rel=1e-4)
+    assert repr(results["moduli"]).splitlines()[0].endswith("[energy/length^2]")
 
 
 def test_a_verdict_shows_its_pairs_and_its_balance_in_words():

@@ -75,6 +75,21 @@ def test_a_floor_is_found_where_the_errors_stop_falling(order, kept):
     assert fit.floor == pytest.approx(floor, rel=1e-6)
 
 
+@given(order=st.floats(1.0, 4.0), part=st.floats(0.3, 3.0))
+def test_errors_that_still_fall_are_no_floor(order, part):
+    """Beyond the bend they fall with a part of the order: above a quarter of it finer settings still help."""
+    settings = [10.0**-k for k in range(6)]
+    errors = [h**order if h > 1e-3 else 1e-3**order * (h / 1e-3) ** (part * order) for h in settings]
+    assert fit_power_law(settings, errors).floor == 0.0
+
+
+def test_errors_that_hardly_fall_are_a_floor():
+    settings = [10.0**-k for k in range(7)]
+    fit = fit_power_law(settings, [max(h, 1e-3) ** 2 * min(h / 1e-3, 1.0) ** 0.2 for h in settings])
+    assert fit.order == pytest.approx(2.0, abs=0.1)
+    assert 1e-7 < fit.floor < 1e-6
+
+
 def test_the_error_of_an_order_holds_settings_that_are_too_coarse_for_it():
     settings = [10.0**-k for k in range(6)]
     fit = fit_power_law(settings, [h**2 + 3.0 * h**3 for h in settings])
