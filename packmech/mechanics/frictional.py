@@ -92,7 +92,7 @@ def frictional_system(
 ) -> tuple[System, NDArray[np.float64]]:
     """Return minus the derivatives of forces, torques and stress, and those of what passes the Coulomb limit."""
     network, terms, friction = found.network, found.terms, friction_or_zero(scene.effects)
-    friction = at_contact(friction, terms.second_c * network.contacts.push_c**2, 0.0)
+    friction = at_contact(friction, terms.second_c * network.contacts.push_c**2, 0.0, network.contacts.kinds_c)
     contacts, beyond = tangential_elements(
         network.contacts,
         network.packing.radius_n,

@@ -33,6 +33,7 @@ from packmech.minimize.passes.kernels import (
     evaluate,
     judge,
 )
+from packmech.minimize.passes.kind_rows import row_kinds
 from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, empty_list, strain_list
 from packmech.minimize.passes.shape_rows import shape_rows
 from packmech.minimize.passes.single_rows import acting_on_rows
@@ -592,7 +593,7 @@ def build_program(scene: Scene) -> Program:
     row[: packing.particles, 3] = shapes.reach(packing.radius_n)[order]
     small, change = packing.box.reduced()
     bonds, bonded = bonded_rows(scene, order, wrap, change)
-    effects = (*effects, *bonds, *single, *shape_rows(packing, order))
+    effects = (*effects, *bonds, *single, *shape_rows(packing, order), *row_kinds(scene, order))
     sizes = size_levels(row[: packing.particles, 3].copy())
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
     held = held_particles(scene.effects, packing.particles)
@@ -616,7 +617,7 @@ def build_program(scene: Scene) -> Program:
             resolution=np.zeros(1),
             held=None if held is None else held[order],
         ),
-        pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing.radius_n)),
+        pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing)),
         diverges=diverges,
         bearable_overlap=_bearable_overlap(scene, diverges),
     )
