@@ -68,6 +68,7 @@ from packmech.effects import Friction as Friction
 from packmech.effects import Mindlin as Mindlin
 from packmech.effects import DampingRatio as DampingRatio
 from packmech.effects.materials import Material as Material
+from packmech.effects.materials import Materials as Materials
 from packmech.effects import ByKind as ByKind
 from packmech.effects import LawByKind as LawByKind
 from packmech.effects import ConstantRolling as ConstantRolling

@@ -385,7 +385,7 @@ def _kinds(effects: Any) -> Any:
 CONTROLS = {"strain": 1, "rate": 1, "strain_and_rate": 2}
 
 
-_HONORS = declare("ShearBatch", "repulsion damping friction rolling bonds gravity walls drag shapes")
+_HONORS = declare("ShearBatch", "repulsion kinds damping friction rolling bonds gravity walls drag shapes")
 
 
 class ShearBatch:

@@ -149,10 +149,11 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
 
     Contacts are looked up for the smallest, mean and largest particles (of rigid bodies, beads), each with each, of
     each pair of kinds, at overlaps of 0 and 0.1, with the smallest mass: k is |d2u/dr2|, c the damping of a slow
-    approach. Bonds are looked up at their rest lengths; walls as a particle and its mirror image, with half the stiffness. Each counts as many fold
-    as `stiffening` says. That bounds what resists rolling and twisting, too: with the arm a = r_i r_j / (r_i + r_j)
-    a^2 (1/I_i + 1/I_j) is at most m r^2 / I over the smallest mass, whatever the sizes. Interactions beyond contact
-    count by their largest curvature from an overlap of 0.1 on, along the pair, across it, and by turns in lengths.
+    approach. Bonds are looked up at their rest lengths; walls as a particle and its mirror image, with half the
+    stiffness. Each counts as many fold as `stiffening` says. That bounds what resists rolling and twisting, too: with
+    the arm a = r_i r_j / (r_i + r_j) a^2 (1/I_i + 1/I_j) is at most m r^2 / I over the smallest mass, whatever the
+    sizes. Interactions beyond contact count by their largest curvature from an overlap of 0.1 on, along the pair,
+    across it, and by turns in lengths.
     """
     packing = scene.packing
     sizes = np.unique(2.0 * packing.shapes.site_radius(packing.radius_n)).tolist()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.network import pair_of_kinds
 from packmech.effects.laws import Law, is_law, law, law_energy, law_first, law_second
-from packmech.effects.partners import Partners, asks_for_partners, partners_of, passes_partners_on
+from packmech.effects.partners import Partners, asks_for_partners, equal_partners, partners_of, passes_partners_on
 from packmech.jit.compiled import compiled_form, tell_apart
 from packmech.jit.source_key import written_name
 from packmech.packing import Packing
@@ -114,13 +114,15 @@ class ByKind(_ByKind):
 
     """
 
+    table_of_kinds = True
+
     def __new__(cls, numbers: Any) -> ByKind:
         """Return the record of the table."""
         return super().__new__(cls, _table("numbers", numbers, words="numbers"))
 
     def of(self, one: int, other: int) -> float:
         """Return the number of two kinds."""
-        return self.numbers[pair_of_kinds(one, other)]
+        return float(self.numbers[pair_of_kinds(one, other)])
 
 
 tell_apart(ByKind)
@@ -162,6 +164,8 @@ class LawByKind(_LawByKind):
     0.01
 
     """
+
+    table_of_kinds = True
 
     def __new__(cls, laws: Any) -> LawByKind:
         """Return the record of the table."""
@@ -269,6 +273,19 @@ def refuse_missing_kinds(effects: tuple[Any, ...], packing: Packing) -> None:
                 )
 
 
+def reference_partners(effects: tuple[Any, ...], packing: Packing) -> tuple[Partners, ...]:
+    """Return partners of the reference diameter: of each pair of the packing's kinds where effects look at kinds."""
+    pair = equal_partners(packing.reference_diameter)
+    return tuple(pair._replace(kinds=each) for each in _pairs_of_kinds(effects, packing))
+
+
+def _pairs_of_kinds(effects: tuple[Any, ...], packing: Packing) -> list[int]:
+    """Return the pairs of kinds that particles of a packing may be; 0 alone where no effect looks at kinds."""
+    kind_n = kinds_in(effects, packing)
+    present = [0] if kind_n is None else np.unique(kind_n).tolist()
+    return [int(pair_of_kinds(*pair)) for pair in itertools.combinations_with_replacement(present, 2)]
+
+
 def bounding_partners(effects: tuple[Any, ...], packing: Packing, *, sites: bool = False) -> tuple[Partners, ...]:
     """Return partners of the smallest, the mean and the largest radius, each with each: what bounds are taken over.
 
@@ -286,11 +303,7 @@ def bounding_partners(effects: tuple[Any, ...], packing: Packing, *, sites: bool
     """
     radius_n = packing.shapes.site_radius(packing.radius_n) if sites else packing.radius_n
     sizes = dict.fromkeys((float(radius_n.min()), float(radius_n.mean()), float(radius_n.max())))
-    kind_n = kinds_in(effects, packing)
-    present = (0,) if kind_n is None else tuple(np.unique(kind_n).tolist())
-    kinds = [int(pair_of_kinds(*pair)) for pair in itertools.combinations_with_replacement(present, 2)]
+    kinds = _pairs_of_kinds(effects, packing)
     return tuple(
-        partners_of(*pair, each)
-        for pair in itertools.combinations_with_replacement(sizes, 2)
-        for each in (kinds if kind_n is not None else (0,))
+        partners_of(*pair, each) for pair in itertools.combinations_with_replacement(sizes, 2) for each in kinds
     )

@@ -182,7 +182,7 @@ def effect(cls: E) -> E:
     example = default_record(cls)
     if example is not None:
         check_effect(example)
-    records: dict[str, tuple[Any, ...]] = {"pair_damping": (TouchingPair(*map(float, range(8)), 0),)}
+    records: dict[str, tuple[Any, ...]] = {"pair_damping": (TouchingPair(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 0),)}
     numbers = ((0.0,) * memory,) if memory else ()
     for name in hooks:
         pair: tuple[Any, ...] = (equal_partners(1.0) if asks_for_partners(cls, name) else 1.0,)
@@ -482,8 +482,8 @@ def under_cap(effects: tuple[Any, ...], normal_c: NDArray[np.float64], touches: 
 def _columns(touches: Touches) -> ContactLengths:
     """Return distances, contact distances, effective radii and kinds, each one behind the other in memory."""
     columns = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
-    kinds = np.ascontiguousarray(touches.kinds_c, dtype=np.int64)
-    return ContactLengths(*(np.ascontiguousarray(column, dtype=np.float64) for column in columns), kinds)
+    distance, sigma, radius = (np.ascontiguousarray(column, dtype=np.float64) for column in columns)
+    return ContactLengths(distance, sigma, radius, np.ascontiguousarray(touches.kinds_c, dtype=np.int64))
 
 
 def contact_terms(effects: tuple[Any, ...], touches: Touches, *, closing: bool = False) -> ContactTerms:

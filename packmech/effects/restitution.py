@@ -92,7 +92,8 @@ def coefficient_of_restitution(
 
 def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[Partners, float]:
     """Return the partners and the reduced mass of two particles; one of the masses may be infinite."""
-    partners = partners_of(*positive_array("radii", radii, shape=(2,), what="radius").tolist(), 0)
+    radius, other = positive_array("radii", radii, shape=(2,), what="radius").tolist()
+    partners = partners_of(radius, other, 0)
     try:
         found = np.asarray(masses, dtype=np.float64)
     except (TypeError, ValueError):

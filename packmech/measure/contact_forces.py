@@ -456,7 +456,7 @@ def _coefficients(scene: Scene, contacts: Contacts | ShapeContacts) -> Any:
     return number_at(friction_or_zero(scene.effects).coefficient, contacts.kinds_c)
 
 
-@honors("repulsion friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
+@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
@@ -575,7 +575,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )

@@ -243,7 +243,7 @@ def _touching(
 
 
 @honors(
-    "repulsion damping friction rolling bonds interactions gravity drag shapes",
+    "repulsion kinds damping friction rolling bonds interactions gravity drag shapes",
     remarks={
         "walls": "walls follow no strain of the box",
         "held": "give those that follow the box as held_n",

@@ -154,7 +154,7 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
     return SlidingResponse(system, relaxation, sliding, False)
 
 
-@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
+@honors("repulsion kinds friction rolling bonds interactions links shapes", at_rest=True)
 def stiffness_matrix(
     scene: Scene,
     strain: BoxStrain = "free",
@@ -292,7 +292,7 @@ class FrictionalModes:
 
 
 @shown_as("frictional modes")
-@honors("repulsion friction rolling bonds interactions links shapes", at_rest=True)
+@honors("repulsion kinds friction rolling bonds interactions links shapes", at_rest=True)
 def frictional_modes(
     scene: Scene,
     count: int | None = None,

@@ -139,7 +139,7 @@ class Modes:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes memory",
+    "repulsion kinds bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.frictional_modes",
 )
@@ -523,7 +523,7 @@ class StateDensity:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes memory",
+    "repulsion kinds bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.frictional_modes",
 )

@@ -118,6 +118,8 @@ class HardVertex(JamMethod):
 
     """
 
+    honors = {"isotropic": "kinds", "free": "kinds"}
+
     start_packing_fraction: float | None = None
     stop_pressure: float | None = None
     quench_tolerance: float = 1e-3

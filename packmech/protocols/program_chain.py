@@ -46,6 +46,8 @@ class ProgramChain(JamMethod):
 
     """
 
+    honors = {"isotropic": "kinds", "free": "kinds"}
+
     start_packing_fraction: float | None = None
     stop_pressure: float = 1e-3
     quench_tolerance: float = 3e-3

@@ -67,10 +67,11 @@ class Units:
 
     def terms(self, touches: Touches, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return du/dr and d2u/dr2 of the contacts; where they are apart, zero or the values of the closed side."""
-        columns = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
+        lengths = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
+        distance, sigma, radius = (self.length * column for column in lengths)
         terms = contact_terms(
             self.effects,
-            ContactLengths(*(self.length * column for column in columns), touches.kinds_c),
+            ContactLengths(distance, sigma, radius, touches.kinds_c),
             closing=closing,
         )
         return terms.first_c * (self.length / self.energy), terms.second_c * (self.length**2 / self.energy)

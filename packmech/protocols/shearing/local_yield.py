@@ -174,7 +174,7 @@ def _cut(scene: Scene, center_d: NDArray[np.float64], radius: float, direction: 
     return _Patch(Scene(alone, (*scene.effects, held)), free, area)
 
 
-@honors("repulsion", at_rest=True)
+@honors("repulsion kinds", at_rest=True)
 def local_yield_stress(
     scene: Scene,
     centers: ArrayLike | None = None,
