@@ -168,7 +168,8 @@ class Material:
         """Return the material of which two bodies touch as one of this and one of the other.
 
         Its E* is that of both, 1/E* = sum of (1 - nu^2) / E, and its G*, 1/G* = sum of 2 (2 - nu) / G, of which the
-        stiffness across smooth contacts is made (Johnson, Contact Mechanics, 1985, section 7.3). The density is the mean.
+        stiffness across smooth contacts is made (Johnson, Contact Mechanics, 1985, section 7.3). The density is the
+        mean.
 
         Parameters
         ----------
@@ -280,7 +281,7 @@ class Materials:
             low, high = checked_pair("exceptions", pair)
             if high >= len(self.materials):
                 raise ValueError(
-                    f"exceptions must name kinds below {len(self.materials)}, of which there are materials, got {pair!r}"
+                    f"exceptions must name kinds below {len(self.materials)}, the number of materials, got {pair!r}"
                 )
             if (low, high) in checked:
                 raise ValueError(f"exceptions must name kinds {low} and {high} once, got {pair!r} again")
