@@ -173,7 +173,8 @@ def rows_of(
 NUMBERS = frozenset(name for own in VECTORS.values() for name in own) | {"radius", "mass", "diameter", "aspect"}
 # names that readers know besides
 _OTHERS = frozenset(
-    f"id {KIND} ix iy iz xu yu zu xs ys zs xsu ysu zsu r d m lattice shapex shapey shapez quatw quati quatj quatk".split()
+    f"id {KIND} ix iy iz xu yu zu xs ys zs xsu ysu zsu r d m lattice shapex shapey shapez".split()
+    + "quatw quati quatj quatk".split()
 )
 
 

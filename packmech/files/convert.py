@@ -51,8 +51,9 @@ def to_ase(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
     """Return the packing as `ase.Atoms`, exactly.
 
     Positions, the cell (of length one along z in two dimensions, where it is not periodic), arrays ``radius``, masses
-    where given, ``kind`` where there are several, ``aspect`` and ``director`` of ellipses and spheroids, and fields as arrays of their names; symbols are
-    the field ``species``, else X. ASE keeps momenta: velocities are arrays here, too.
+    where given, ``kind`` where there are several, ``aspect`` and ``director`` of ellipses and spheroids, and fields as
+    arrays of their names; symbols are the field ``species``, else X. ASE keeps momenta: velocities are arrays here,
+    too.
 
     Parameters
     ----------
@@ -99,8 +100,9 @@ def to_ase(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
 def from_ase(atoms: Any, *, box: Box | None = None, radius: Any = None) -> Snapshot:
     """Return ASE's Atoms as a snapshot: two-dimensional where they are periodic along x and y only, at z = 0.
 
-    Arrays ``radius`` (or ``radii``), ``kind``, ``aspect`` and ``director`` are the packing's, momenta become velocities, other
-    arrays fields; entries of ``info``, constraints and calculators are left out, and listed in a warning.
+    Arrays ``radius`` (or ``radii``), ``kind``, ``aspect`` and ``director`` are the packing's, momenta become
+    velocities, other arrays fields; entries of ``info``, constraints and calculators are left out, and listed in a
+    warning.
 
     Parameters
     ----------

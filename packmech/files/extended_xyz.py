@@ -3,13 +3,13 @@
 Of each frame a line with the number of particles, one with ``Lattice`` (the lattice vectors one after another),
 ``Properties``, ``pbc`` (``"T T F"`` in two dimensions, where the third lattice vector is of length one and z is 0) and
 ``Timestep``, then a line for each particle: ``species`` (the field of that name, else X), ``pos``, ``radius``,
-``masses`` where given, ``kind`` where there are several, ``aspect`` and ``director`` of ellipses and spheroids, and fields, those with names of their own
-as ``velo``, ``spin``, ``forces`` and ``torque``. OVITO draws spheroids by ``aspherical_shape``, semi-axes, and
-``orientation``, quaternions, which are written, too, and read of other programs. Positions need not lie in the cell.
-Numbers have as many digits as they need to be read back exactly (ASE's own writer has eight). Not kept are links,
-tangential displacements, rigid bodies, springs and forces of contacts. Read are also ``radii``, ``diameter``, ``mass``,
-``velocities``, ``force``; other columns are fields, and other entries of the second line are left out, and listed in a
-warning.
+``masses`` where given, ``kind`` where there are several, ``aspect`` and ``director`` of ellipses and spheroids, and
+fields, those with names of their own as ``velo``, ``spin``, ``forces`` and ``torque``. OVITO draws spheroids by
+``aspherical_shape``, semi-axes, and ``orientation``, quaternions, which are written, too, and read of other programs.
+Positions need not lie in the cell. Numbers have as many digits as they need to be read back exactly (ASE's own writer
+has eight). Not kept are links, tangential displacements, rigid bodies, springs and forces of contacts. Read are also
+``radii``, ``diameter``, ``mass``, ``velocities``, ``force``; other columns are fields, and other entries of the second
+line are left out, and listed in a warning.
 """
 
 from __future__ import annotations
@@ -237,4 +237,6 @@ def _field(name: str, array: NDArray[Any]) -> bool:
     )
 
 
-EXTXYZ = Format("extxyz", (".extxyz", ".xyz"), frozenset((SPHEROIDS, KINDS, STEP)), _Frames, _write, many=True, field=_field)
+EXTXYZ = Format(
+    "extxyz", (".extxyz", ".xyz"), frozenset((SPHEROIDS, KINDS, STEP)), _Frames, _write, many=True, field=_field
+)

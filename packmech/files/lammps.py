@@ -10,21 +10,22 @@ right-handed one. A packing of two dimensions lies at z = 0 in a box of ``-0.5 0
 Data files (``.data``, ``.lmp``; one packing)
     Of the atom style ``sphere``, or ``hybrid sphere bond`` where there are links or springs. Types of atoms are the
     field ``type``, or else number up to ten sizes; where particles are of several kinds, types are these from 1, as the
-    title says, by which they are read back: kind 0 is type 1 (diameters are the atoms' own in LAMMPS). Angular velocities stand with the velocities. LAMMPS keeps
-    densities of spheres, also of discs: masses come back to the last bit but for rounding where no density has that
-    mass, and those of density 1 as not given. Links and linear springs are bonds, each length and stiffness a bond
-    type, with coefficients of the bond style ``harmonic``, K = k/2; a comment beside them says which they are. LAMMPS
-    takes the nearest image of a bonded particle: others are refused. Rigid links have K = 0: hold them by fix shake
-    or rattle. Not kept are tangential displacements, other shapes, and springs of other laws or along tangents.
+    title says, by which they are read back: kind 0 is type 1 (diameters are the atoms' own in LAMMPS). Angular
+    velocities stand with the velocities. LAMMPS keeps densities of spheres, also of discs: masses come back to the last
+    bit but for rounding where no density has that mass, and those of density 1 as not given. Links and linear springs
+    are bonds, each length and stiffness a bond type, with coefficients of the bond style ``harmonic``, K = k/2; a
+    comment beside them says which they are. LAMMPS takes the nearest image of a bonded particle: others are refused.
+    Rigid links have K = 0: hold them by fix shake or rattle. Not kept are tangential displacements, other shapes, and
+    springs of other laws or along tangents.
     Read are the styles atomic, bond, charge, dipole, molecular, full, sphere, bpm/sphere and hybrids of these; where a
     file does not name its style after ``Atoms #``, it is given as ``format="lammps-data:hybrid sphere bond"``. Masses
     by type are those of their atoms, and harmonic bonds are springs; bonds without coefficients, pair coefficients,
     angles and what belongs to them are left out, and listed in a warning.
 Dumps (``.dump``, ``.lammpstrj``; trajectories)
     Columns ``id type x y z radius`` (``xu yu zu`` where particles lie outside the cell), ``mass`` where given, ``kind``
-    where there are several (types are then kinds from 1, unless there is a field ``type``),
-    ``aspect`` and ``director_x ...`` of ellipses and spheroids, fields. OVITO draws these by ``shapex shapey shapez``,
-    diameters along their axes, and ``quatw quati quatj quatk``, which are written, too, and read of other programs.
+    where there are several (types are then kinds from 1, unless there is a field ``type``), ``aspect`` and ``director_x
+    ...`` of ellipses and spheroids, fields. OVITO draws these by ``shapex shapey shapez``, diameters along their axes,
+    and ``quatw quati quatj quatk``, which are written, too, and read of other programs.
     Read are ``x xu xs xsu``, with ``ix iy iz`` or without, and ``radius`` or ``diameter``; other columns are fields.
     Not kept are links, tangential displacements, rigid bodies, springs and forces of contacts.
 """

@@ -78,9 +78,7 @@ def assign_kinds(
     return packing.replace(kind_n=kind_n)
 
 
-def _drawn(
-    particles: int, shares: Sequence[float] | ArrayLike, rng: np.random.Generator
-) -> NDArray[np.int64]:
+def _drawn(particles: int, shares: Sequence[float] | ArrayLike, rng: np.random.Generator) -> NDArray[np.int64]:
     """Return the (N,) kinds drawn with such shares."""
     share_k = finite_array("shares", shares, shape=(None,), what="kind")
     if len(share_k) > MOST_KINDS:

@@ -160,8 +160,8 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
 def bead_packing(packing: Packing) -> Packing:
     """Return the discs or spheres that a packing of rigid bodies consists of, as a packing of them alone.
 
-    Their order is that of ``packing.shapes``: those of body n from ``start_n[n]`` on. They have its kind. Nothing holds them together in
-    it: it is there to be drawn, written and counted.
+    Their order is that of ``packing.shapes``: those of body n from ``start_n[n]`` on. They have its kind. Nothing holds
+    them together in it: it is there to be drawn, written and counted.
 
     Parameters
     ----------

@@ -265,7 +265,9 @@ def scene_fingerprints(scene: Scene) -> dict[str, str]:
     springs = packing.tangential
     tangential = () if springs is None else springs.arrays()
     shapes = (packing.shapes,) if packing.shapes.has_orientations else ()
-    arrays = packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named, *masses, *tangential, *shapes, *kinds
+    # what a packing has beside positions, radii and the box
+    beside = (*named, *masses, *tangential, *shapes, *kinds)
+    arrays = packing.position_nd, packing.radius_n, packing.box.lattice_dd, *beside
     found = {"packing": fingerprint(arrays)}
     return found | {f"effects[{k}]": fingerprint(one) for k, one in enumerate(scene.effects)}
 
