@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 
 import packmech as pm
 from packmech.loop.checkpoint import scene_fingerprints
+from packmech.protocols.shearing.families import _hard_packing
+from packmech.protocols.shearing.local_yield import _cut
 
 EFFECTS = (pm.Repulsion(),)
 
@@ -136,12 +138,36 @@ def test_minimized_jammed_and_decompressed_packings_keep_kinds():
         assert found.kind_n.tolist() == packing.kind_n.tolist()
 
 
+@pytest.mark.parametrize("method", [pm.ProgramChain(), pm.Decompression(), pm.StepHalving()])
+def test_every_jamming_method_keeps_kinds(method):
+    packing = striped(discs(12))
+    run = pm.jam(pm.Scene(packing, EFFECTS), strain="isotropic", method=method, check=False)
+    assert run.packing.kind_n.tolist() == packing.kind_n.tolist()
+
+
+def test_a_hard_packing_in_reduced_units_and_a_patch_that_is_cut_out_have_kinds():
+    packing = striped(discs(32))
+    run = pm.jam(pm.Scene(packing, EFFECTS), pressure=1e-6, strain="isotropic")
+    assert _hard_packing(run.packing).packing.kind_n.tolist() == packing.kind_n.tolist()
+    sheared = pm.shear_families(run.packing, 1e-3)
+    assert sheared.packing.kind_n.tolist() == packing.kind_n.tolist()
+    patch = _cut(pm.Scene(run.packing, EFFECTS), run.packing.position_nd[0], 1.0, 0.3).scene.packing
+    assert patch.particles < packing.particles
+    # radii tell which particles they are in a packing of one size for each
+    sizes = run.packing.replace(radius_n=0.5 + 1e-6 * np.arange(32))
+    patch = _cut(pm.Scene(sizes, EFFECTS), sizes.position_nd[0], 1.0, 0.3).scene.packing
+    own = np.rint((patch.radius_n - 0.5) / 1e-6).astype(int)
+    assert patch.kind_n.tolist() == packing.kind_n[own].tolist()
+
+
 def test_a_packing_moved_in_time_and_each_of_a_batch_keeps_kinds():
     packing = striped(discs(16))
     run = pm.simulate(pm.Scene(packing, EFFECTS), steps=4, dt=0.01, trace_every=2, trace_positions=True)
     assert run.packing.kind_n.tolist() == packing.kind_n.tolist()
     frames = list(pm.snapshots(run, pm.Scene(packing, EFFECTS)))
     assert len(frames) > 1 and all(one.packing.kind_n.tolist() == packing.kind_n.tolist() for one in frames)
+    batch = pm.QuenchBatch(pm.Scene(packing, EFFECTS), 2, force_tolerance=1e-8)
+    assert [batch.packing(b).kind_n.tolist() for b in range(2)] == 2 * [packing.kind_n.tolist()]
 
 
 def test_scenes_that_differ_in_kinds_alone_have_other_fingerprints():
