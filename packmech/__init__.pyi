@@ -11,6 +11,7 @@ from packmech.generate import chain_packing as chain_packing
 from packmech.generate import rigid_packing as rigid_packing
 from packmech.generate import bead_packing as bead_packing
 from packmech.generate import scattered_packing as scattered_packing
+from packmech.generate import assign_kinds as assign_kinds
 from packmech.generate import vacancy_packing as vacancy_packing
 from packmech.generate import tunneled_packing as tunneled_packing
 from packmech.generate import reinforced_kagome_packing as reinforced_kagome_packing
@@ -423,6 +424,7 @@ from packmech.jit.compiled import kernel as kernel
 #: draw, figure, show -> plot
 #: lammps, gsd, xyz, vtk -> read_packing, write_packing
 #: stress -> stress_tensor
+#: kind, kinds, species, types, materials_of_particles -> assign_kinds
 #: discs, disks, spheres, bidisperse_packing -> random_packing
 
 __version__: str

@@ -119,6 +119,8 @@ class Packing:
     shapes
         `Spheroids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls that know discs and
         spheres only refuse others by name (`packmech effects` lists which).
+    kind_n
+        (N,) kinds of the particles, whole numbers 0 to 63 (`assign_kinds` draws them); None: all are of kind 0.
 
     Attributes
     ----------
@@ -321,8 +323,7 @@ class Packing:
     def reference_diameter(self) -> float:
         """Diameter that sets the unit of length: the smallest of a mixture, the mean of a continuous distribution."""
         diameter = np.sort(self.diameter_n)
-        distinct = 1 + int(np.count_nonzero(np.diff(diameter) > 1e-9 * diameter[1:]))
-        return float(diameter[0] if distinct <= DISCRETE_SIZES else diameter.mean())
+        return float(diameter[0] if same_sizes(diameter)[-1] < DISCRETE_SIZES else diameter.mean())
 
     @property
     def rounding(self) -> float:
@@ -477,6 +478,12 @@ class Packing:
             f"{links.image_ld[worst].tolist()}) for a link of length {links.length_l[worst]:.9g}: bring particles that "
             "are near their links back with pm.reaffix_links(packing), or give links with the images of the positions"
         )
+
+
+def same_sizes(ascending_n: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the number of the size of each of (N,) ascending lengths, from 0; rounding makes no other size."""
+    step = np.diff(ascending_n) > 1e-9 * ascending_n[1:]
+    return np.concatenate([[0], np.cumsum(step)])
 
 
 def images_between(

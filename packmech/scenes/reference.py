@@ -16,7 +16,7 @@ from packmech.effects import registered_effects, registered_laws
 from packmech.effects.materials import Material
 from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
-from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds
+from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds, kinds_of_particles
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
@@ -27,7 +27,12 @@ _IN_FILES = {
     "cubic unless given), and the packing fraction its size.",
     "positions": "Centers, one in a line [length].",
     "radii": "Of all particles [length].",
+    "kinds": "Of the particles, whole numbers from 0.",
 }
+
+
+# parameters of `kinds_of_particles` that are no fields
+_OF_KINDS = ("packing",)
 
 
 class Field(NamedTuple):
@@ -136,6 +141,9 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
     lines += ["", "[packing]"]
     lines += _table_lines(tables["packing"], PACKINGS, NESTED | nested, ("folder",))
+    if "kinds" in tables:
+        lines += ["", "[kinds]", *_comment(first_sentence(kinds_of_particles))]
+        lines += _field_lines(tables["kinds"], kinds_of_particles, {}, _OF_KINDS)
     if "material" in tables:
         lines += ["", "[material]", *_comment(first_sentence(Material))]
         lines += _field_lines(tables["material"], Material, {}, ())
@@ -195,6 +203,8 @@ def scene_reference() -> str:
         parts.append(f"## `{title}`")
         for name, maker in kinds.items():
             parts += _kind_text(name, maker, nested, given, "###")
+        if kinds is PACKINGS:
+            parts += ["## `[kinds]`", *_kind_text("", kinds_of_particles, {}, _OF_KINDS, "")[1:]]
         shown |= {field: found for field, found in nested.items() if field not in shown and found}
     for field, kinds in shown.items():
         if field in ("compression", "tension"):

@@ -12,6 +12,10 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     seed = 1
     sizes = { kind = "bidisperse", ratio = 1.4, fraction = "50:50" }
 
+    [kinds]                             # optional: kinds of particles, or by = "size"
+    shares = [0.7, 0.3]
+    seed = 1
+
     [[effects]]
     kind = "repulsion"
     law = { kind = "harmonic", energy_scale = 1.0 }
@@ -45,7 +49,8 @@ packing may have links: `link_pairs` of particles and `link_lengths`, with `link
 `link_shapes` where some hold a shape. `prepared` takes the arguments of a random packing, and a `side` or
 `lattice_vectors` of a box to be filled; it is at its energy minimum under the scene's repulsion. Each of these
 packings takes a `density`, mass over area, or over volume in space, of every particle, which is 1 unless given; an
-inline one may have `masses` instead.
+inline one may have `masses` instead. It may also have `kinds` of its particles, numbers from 0; in other packings a
+table `[kinds]` assigns them, with the arguments of `pm.assign_kinds`.
 
 Bonds are effects, too: `kind = "bonds"` and `of = "contacts"`, with the arguments of `pm.bond_contacts` and, with a
 `seed`, those of `pm.cut_fragments`; or written out with `pairs` of particles, `rest_lengths` and `images`.
@@ -105,11 +110,12 @@ from packmech.scenes.recipes import (
     bonds_table,
     inline_table,
     is_random,
+    kinds_of_particles,
 )
 
 # fields of walls that a material gives
 _OF_MATERIAL = ("law", "damping", "friction")
-_TOP = ("description", "packing", "material", "effects", "drive")
+_TOP = ("description", "packing", "kinds", "material", "effects", "drive")
 
 
 @clear_errors
@@ -245,7 +251,7 @@ def changed_tables(
             _change(own, path, value)
     errors.check()
     if seed is not None:
-        _reseed(own, integer("seed", seed, at_least=0))
+        _reseed(own, integer("seed", seed, at_least=0), changes or {})
     return own
 
 
@@ -296,12 +302,16 @@ def _entry(place: Any, part: str) -> Any:
     return found[0] if len(found) == 1 else None
 
 
-def _reseed(tables: dict[str, Any], seed: int) -> None:
-    packing = tables.get("packing")
-    kind = packing.get("kind") if isinstance(packing, dict) else None
-    if not isinstance(packing, dict) or not is_random(kind):
+def _reseed(tables: dict[str, Any], seed: int, changes: Mapping[str, Any]) -> None:
+    """Set another seed of whatever is drawn, but for a seed of the kinds that is given beside it."""
+    packing, assigned = tables.get("packing"), tables.get("kinds")
+    if not isinstance(packing, dict) or not is_random(tables):
+        kind = packing.get("kind") if isinstance(packing, dict) else None
         raise ValueError(f"seed must be left out for a packing that is not random, got {seed} for kind {kind!r}")
-    packing["seed"] = seed
+    if is_random({"packing": packing}):
+        packing["seed"] = seed
+    if is_random({"kinds": assigned}) and "kinds.seed" not in changes:
+        tables["kinds"]["seed"] = seed
     effects = tables.get("effects")
     for table in effects if isinstance(effects, list) else []:
         # cuts are drawn again with the packing
@@ -363,6 +373,13 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         recipe, fields = read_fields(
             tables["packing"], "packing", OpenKinds(PACKINGS, "pm.packing_kind"), NESTED | nested, given=("folder",)
         )
+    assigned = None
+    with errors.kept():
+        if "kinds" in tables:
+            maker, table = kinds_of_particles, tables["kinds"]
+            if not isinstance(table, dict) or "kind" in table:
+                raise TypeError(f"kinds must be a table of shares and a seed, or of by, without a kind, got {table!r}")
+            assigned = read_fields(table, "kinds", {kind_of(maker): maker}, given=("packing",))[1]
     errors.check()
     known = inspect.signature(recipe).parameters
     if "folder" in known:
@@ -374,6 +391,8 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     if material is not None and "density" in known:
         fields.setdefault("density", material.density)
     packing = make(recipe, fields, "packing", FIELD_OF)
+    if assigned is not None:
+        packing = make(kinds_of_particles, assigned | {"packing": packing}, "kinds")
     for k, values in bonded.items():
         effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
     if material is not None:
