@@ -81,14 +81,15 @@ def checked_pair(name: str, pair: Any) -> tuple[int, int]:
 
 
 class _ByKind(NamedTuple):
-    numbers: tuple[float, ...]
+    numbers: tuple[Any, ...]
 
 
 class ByKind(_ByKind):
     """A number of an effect that differs by the kinds of the two particles that touch.
 
-    It may stand for `Friction.coefficient`, `Mindlin.poisson_ratio`, `Restitution.coefficient`,
-    `ContactDamping.coefficient` and `ViscoelasticDamping.time`. Kinds are `Packing.kind_n`.
+    Kinds are `Packing.kind_n`. It may stand for `Friction.coefficient`, `Mindlin.poisson_ratio`,
+    `Restitution.coefficient`, `ContactDamping.coefficient` and `ViscoelasticDamping.time`; in scene files as a table
+    ``{ numbers = [[0.5, 0.1], [0.1, 0.3]] }``.
 
     Its numbers are checked when a `Scene` is made with it, each as the number that it stands for.
 
@@ -129,7 +130,8 @@ tell_apart(ByKind)
 
 
 class _LawByKind(NamedTuple):
-    laws: tuple[Any, ...]
+    # a tuple of laws; files look for records in a field of this annotation
+    laws: Any
 
 
 @law

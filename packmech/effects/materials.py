@@ -167,7 +167,7 @@ class Material:
     def mixed(self, other: Material, mixing: str = "geometric") -> Material:
         """Return the material of which two bodies touch as one of this and one of the other.
 
-        Its E* is that of both, 1/E* = sum of (1 - nu^2) / E, and its G*, 1/G* = sum of 2 (2 - nu) / G, of which the
+        Its E* is that of both, 1/E* = sum of (1 - nu^2) / E, and its G*, 1/G* = sum of (2 - nu) / G, of which the
         stiffness across smooth contacts is made (Johnson, Contact Mechanics, 1985, section 7.3). The density is the
         mean.
 
@@ -300,7 +300,7 @@ class Materials:
         """Return the material of which two particles touch as those of these kinds do."""
         low, high = checked_pair("kinds", (one, other))
         first, second = self.materials[low], self.materials[high]
-        both = first if low == high else first.mixed(second, self.mixing)
+        both = first if first == second else first.mixed(second, self.mixing)
         return replace(both, **self.exceptions.get((low, high), {}))
 
     def effects(self, packing: Packing) -> tuple[Any, ...]:

@@ -184,7 +184,7 @@ def read_law(path: Path) -> Any:
     """Return the law that is written beside a packing, None where none is."""
     text = _arrays(path).get("law")
     laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
-    return None if text is None else from_table(json.loads(str(text)), "law", laws, {"law": laws})
+    return None if text is None else from_table(json.loads(str(text)), "law", laws, {"law": laws, "laws": laws})
 
 
 def arrays_beside(snapshot: Snapshot) -> dict[str, Any]:

@@ -144,9 +144,10 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     if "kinds" in tables:
         lines += ["", "[kinds]", *_comment(first_sentence(kinds_of_particles))]
         lines += _field_lines(tables["kinds"], kinds_of_particles, {}, _OF_KINDS)
-    if "material" in tables:
-        lines += ["", "[material]", *_comment(first_sentence(Material))]
-        lines += _field_lines(tables["material"], Material, {}, ())
+    materials = tables.get("material", [])
+    for one in materials if isinstance(materials, list) else [materials]:
+        title = "[[material]]" if isinstance(materials, list) else "[material]"
+        lines += ["", title, *_comment(first_sentence(Material)), *_field_lines(one, Material, {}, ())]
     acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
     for one in tables.get("effects", ()):
         lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS, ("packing",))]

@@ -50,7 +50,10 @@ packing may have links: `link_pairs` of particles and `link_lengths`, with `link
 `lattice_vectors` of a box to be filled; it is at its energy minimum under the scene's repulsion. Each of these
 packings takes a `density`, mass over area, or over volume in space, of every particle, which is 1 unless given; an
 inline one may have `masses` instead. It may also have `kinds` of its particles, numbers from 0; in other packings a
-table `[kinds]` assigns them, with the arguments of `pm.assign_kinds`.
+table `[kinds]` assigns them, with the arguments of `pm.assign_kinds`. In place of `[material]` there may be a table
+`[[material]]` for each kind, of whose densities the masses are then; walls name what they do themselves beside these.
+Numbers that differ by kinds are tables, `coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }`, and so are laws,
+`kind = "law-by-kind"` with `laws`: rows of a symmetric square, or one for each pair (0, 0), (1, 0), (1, 1), ...
 
 Bonds are effects, too: `kind = "bonds"` and `of = "contacts"`, with the arguments of `pm.bond_contacts` and, with a
 `seed`, those of `pm.cut_fragments`; or written out with `pairs` of particles, `rest_lengths` and `images`.
@@ -76,8 +79,10 @@ import tomli_w
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
 from packmech.effects import (
+    BY_KIND,
     ROUGHNESS,
     Bonds,
+    ByKind,
     DampingRatio,
     Mindlin,
     Walls,
@@ -86,7 +91,7 @@ from packmech.effects import (
     registered_effects,
     registered_laws,
 )
-from packmech.effects.materials import Material
+from packmech.effects.materials import Material, Materials
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
     Errors,
@@ -342,7 +347,8 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
     dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
     nested: dict[str, Kinds] = {
-        **dict.fromkeys(("law", "compression", "tension"), laws),
+        **dict.fromkeys(("law", "laws", "compression", "tension"), laws),
+        **dict.fromkeys({name for names in BY_KIND.values() for name in names}, kinds_of((ByKind,))),
         "damping": dashpots,
         "stiffness": kinds_of((Mindlin,)),
         # of walls
@@ -388,15 +394,20 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         if material is not None:
             raise ValueError("packing.law must be given beside a material, whose law is known once the packing is")
         fields["law"] = law_of(tuple(effects))
-    if material is not None and "density" in known:
+    if isinstance(material, Material) and "density" in known:
         fields.setdefault("density", material.density)
     packing = make(recipe, fields, "packing", FIELD_OF)
     if assigned is not None:
         packing = make(kinds_of_particles, assigned | {"packing": packing}, "kinds")
     for k, values in bonded.items():
         effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
+    if isinstance(material, Materials) and packing.given_mass_n is None:
+        packing = packing.replace(mass_n=make(material.masses, {"packing": packing}, "material"))
     if material is not None:
         for k, given in walls.items():
+            if isinstance(material, Materials):
+                _refuse_open_walls(f"effects[{k}]", given)
+                continue
             # what a table of walls leaves open is the material's
             one = effects[k]
             place = {"packing": packing, "axis": one.axis, "low": one.low, "high": one.high}
@@ -406,11 +417,24 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     return Scene(packing, tuple(effects), drive)
 
 
-def _material(table: Any) -> Material:
+def _refuse_open_walls(where: str, given: set[str]) -> None:
+    """Refuse walls that leave to the material what they do, where there are several."""
+    for name in _OF_MATERIAL:
+        if name not in given:
+            raise ValueError(f"{where}.{name} must be given for walls beside several materials, got nothing")
+
+
+def _material(table: Any) -> Material | Materials:
+    if isinstance(table, list):
+        return Materials(tuple(_material_of(one, f"material[{k}]") for k, one in enumerate(table)))
+    return _material_of(table, "material")
+
+
+def _material_of(table: Any, where: str) -> Material:
     if isinstance(table, dict) and "kind" in table:
-        raise ValueError(f"material.kind must be left out, got {table['kind']!r}")
+        raise ValueError(f"{where}.kind must be left out, got {table['kind']!r}")
     named = table | {"kind": kind_of(Material)} if isinstance(table, dict) else table
-    made: Material = from_table(named, "material", kinds_of((Material,)))
+    made: Material = from_table(named, where, kinds_of((Material,)))
     return made
 
 

@@ -289,6 +289,110 @@ def test_a_law_of_a_users_is_given_the_pair_of_kinds():
     np.testing.assert_allclose((run.velocity_nd * packing.mass_n[:, None])[1::2, 0], 1e-6 * pm.forces(scene)[1::2, 0])
 
 
+# materials
+
+GLASS = pm.Material(70.0, 0.22, density=2.5, restitution=0.9, friction=0.4)
+STEEL = pm.Material(200.0, 0.3, density=7.8, restitution=0.6, friction=0.1)
+
+
+@pytest.fixture(scope="module")
+def beads():
+    packing = pm.random_packing(20, dimension=3, sizes=pm.Bidisperse(1.3), packing_fraction=0.75, seed=2)
+    return packing.replace(kind_n=np.arange(20) % 2)
+
+
+def test_of_one_material_the_effects_are_those_of_the_material(beads):
+    plain = beads.replace(kind_n=None)
+    assert pm.Materials([GLASS]).effects(plain) == GLASS.effects(plain)
+    twice = pm.Materials((GLASS, GLASS))
+    assert twice.effects(beads)[1:] == GLASS.effects(plain)[1:]
+    due = pm.energy(pm.Scene(plain, GLASS.effects(plain)))
+    assert pm.energy(pm.Scene(beads, twice.effects(beads))) == pytest.approx(due, rel=1e-14)
+    made = beads.replace(mass_n=None).mass_n * 2.5
+    np.testing.assert_allclose(twice.masses(beads), made, rtol=1e-14)
+
+
+def test_pairs_of_materials_have_the_moduli_of_both(beads):
+    """1/E* is the sum of (1 - nu^2)/E, 1/G* of (2 - nu)/G, k_t = 8 G* a over k_n = 2 E* a (Johnson, 1985)."""
+    both = pm.Materials((GLASS, STEEL))
+    repulsion, restitution, friction = both.effects(beads)
+    for a, b in PAIRS:
+        pair = [(GLASS, STEEL)[a], (GLASS, STEEL)[b]]
+        modulus = 1.0 / sum((1.0 - one.poisson_ratio**2) / one.young_modulus for one in pair)
+        shear = 1.0 / sum((2.0 - one.poisson_ratio) / one.shear_modulus for one in pair)
+        assert repulsion.law.of(a, b).modulus == pytest.approx(modulus, rel=1e-14)
+        nu = friction.stiffness.poisson_ratio.of(a, b)
+        assert 2.0 * (1.0 - nu) / (2.0 - nu) == pytest.approx(8.0 * shear / (2.0 * modulus), rel=1e-13)
+        assert restitution.coefficient.of(a, b) == pytest.approx(math.sqrt(pair[0].restitution * pair[1].restitution))
+        assert friction.coefficient.of(a, b) == pytest.approx(math.sqrt(pair[0].friction * pair[1].friction))
+    # a plate of steel under a bead of glass is touched with the same E* as a ball of steel
+    floor = GLASS.walls(beads, 2, -9.0, 9.0, of=STEEL)
+    assert 2.0 * floor.law.modulus == pytest.approx(repulsion.law.of(0, 1).modulus, rel=1e-14)
+    assert floor.damping.coefficient == restitution.coefficient.of(0, 1)
+    np.testing.assert_array_equal(both.masses(beads)[:2] / beads.replace(mass_n=None).mass_n[:2], [2.5, 7.8])
+
+
+@pytest.mark.parametrize(("mixing", "due"), [("geometric", 0.2), ("harmonic", 0.16), ("mean", 0.25), ("min", 0.1)])
+def test_friction_of_two_materials_is_the_mean_that_was_asked_for(mixing, due):
+    assert pm.Materials((GLASS, STEEL), mixing).of(1, 0).friction == pytest.approx(due, rel=1e-14)
+
+
+def test_what_was_measured_of_a_pair_stands_for_means():
+    both = pm.Materials((GLASS, STEEL), exceptions={(1, 0): {"friction": 0.7}, (1, 1): {"restitution": 0.3}})
+    assert both.of(0, 1).friction == 0.7 and both.of(1, 1).restitution == 0.3 and both.of(0, 0) == GLASS
+    assert both.of(0, 1).restitution == pm.Materials((GLASS, STEEL)).of(0, 1).restitution
+    for wrong, words in (
+        ({(0, 2): {"friction": 0.1}}, "kinds below 2"),
+        ({(0, 1): {"density": 1.0}}, "by name, among friction, poisson_ratio, restitution, young_modulus"),
+        ({(0, 1): {"friction": -0.1}}, r"exceptions\[\(0, 1\)\].friction must"),
+        ({(0, 1): {}, (1, 0): {}}, "kinds 0 and 1 once"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            pm.Materials((GLASS, STEEL), exceptions=wrong)
+
+
+def test_materials_that_are_none_or_too_few_are_refused(beads):
+    with pytest.raises(TypeError, match="materials must be a tuple of materials"):
+        pm.Materials(GLASS)
+    with pytest.raises(ValueError, match="mixing must be one of 'geometric'"):
+        pm.Materials((GLASS, STEEL), "largest")
+    with pytest.raises(ValueError, match="as many kinds as there are materials, 1, got 2"):
+        pm.Materials((GLASS,)).effects(beads)
+
+
+def test_scene_files_hold_tables_by_kinds_and_materials_of_kinds(tmp_path, beads):
+    scene = pm.Scene(beads, pm.Materials((GLASS, STEEL)).effects(beads))
+    pm.write_scene(scene, tmp_path / "beads.toml")
+    assert pm.read_scene(tmp_path / "beads.toml").effects == scene.effects
+    text = """
+[packing]
+kind = "lattice"
+name = "square"
+[kinds]
+shares = [0.5, 0.5]
+seed = 1
+[[effects]]
+kind = "repulsion"
+law = { kind = "law-by-kind", laws = ["harmonic", "harmonic", { kind = "harmonic", energy_scale = 2.0 }] }
+[[effects]]
+kind = "friction"
+coefficient = { numbers = [[0.1, 0.2], [0.2, 0.3]] }
+"""
+    (tmp_path / "tables.toml").write_text(text.replace('name = "square"', 'name = "square"\nrepeats = [2, 2]'))
+    read = pm.read_scene(tmp_path / "tables.toml").effects
+    assert read[0].law == law_of([[1.0, 1.0], [1.0, 2.0]])
+    assert read[1].coefficient == pm.ByKind([[0.1, 0.2], [0.2, 0.3]])
+    shipped = pm.read_scene("glass-and-steel")
+    kind_n, volume = shipped.packing.kind_n, math.pi / 6.0
+    np.testing.assert_allclose(shipped.packing.mass_n, np.array([1.0, 3.1])[kind_n] * volume, rtol=1e-14)
+    assert shipped.effects == pm.Materials(
+        (
+            pm.Material(1.0, 0.22, 1.0, restitution=0.6, friction=0.4),
+            pm.Material(3.0, 0.3, 3.1, restitution=0.5, friction=0.2),
+        )
+    ).effects(shipped.packing)
+
+
 # tables
 
 
