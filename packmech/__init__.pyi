@@ -11,6 +11,7 @@ from packmech.generate import chain_packing as chain_packing
 from packmech.generate import rigid_packing as rigid_packing
 from packmech.generate import bead_packing as bead_packing
 from packmech.generate import scattered_packing as scattered_packing
+from packmech.generate import assign_kinds as assign_kinds
 from packmech.generate import vacancy_packing as vacancy_packing
 from packmech.generate import tunneled_packing as tunneled_packing
 from packmech.generate import reinforced_kagome_packing as reinforced_kagome_packing
@@ -68,6 +69,9 @@ from packmech.effects import Friction as Friction
 from packmech.effects import Mindlin as Mindlin
 from packmech.effects import DampingRatio as DampingRatio
 from packmech.effects.materials import Material as Material
+from packmech.effects.materials import Materials as Materials
+from packmech.effects import ByKind as ByKind
+from packmech.effects import LawByKind as LawByKind
 from packmech.effects import ConstantRolling as ConstantRolling
 from packmech.effects import RollingResistance as RollingResistance
 from packmech.effects import TwistingResistance as TwistingResistance
@@ -422,6 +426,7 @@ from packmech.jit.compiled import kernel as kernel
 #: draw, figure, show -> plot
 #: lammps, gsd, xyz, vtk -> read_packing, write_packing
 #: stress -> stress_tensor
+#: kind, kinds, species, types, materials_of_particles -> assign_kinds
 #: discs, disks, spheres, bidisperse_packing -> random_packing
 
 __version__: str

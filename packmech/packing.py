@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.calls.display import shown
 from packmech.calls.honors import LINK_TOLERANCE, STRAINED
-from packmech.check import brief, finite_array, instance, positive, positive_array
+from packmech.check import brief, finite_array, instance, integer_array, positive, positive_array
 from packmech.links import Links, image_offsets
 from packmech.shapes import Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
@@ -25,6 +25,8 @@ DISCRETE_SIZES = 10
 _COARSEST = 1e-6
 # positions that differ from others by whole lattice vectors and this, relative to the largest, are the same places [1]
 _SAME_PLACE = 16.0 * float(np.finfo(float).eps)
+# kinds of particles; tables by pairs of kinds are that large at most
+MOST_KINDS = 64
 T = TypeVar("T")
 # a link that does not hold is looked for at this many images along each lattice vector: those within its length
 _MOST_IMAGES = 4
@@ -117,6 +119,8 @@ class Packing:
     shapes
         `Spheroids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls that know discs and
         spheres only refuse others by name (`packmech effects` lists which).
+    kind_n
+        (N,) kinds of the particles, whole numbers 0 to 63 (`assign_kinds` draws them); None: all are of kind 0.
 
     Attributes
     ----------
@@ -146,6 +150,7 @@ class Packing:
     mass_n: _Masses = _Masses()
     tangential: TangentialDisplacements | None = None
     shapes: _Held[Shapes] = _Held()
+    kind_n: NDArray[np.int64] | None = None
     given_mass_n: NDArray[np.float64] | None = dataclasses.field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -164,6 +169,8 @@ class Packing:
         for name, array in arrays.items():
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if self.kind_n is not None:
+            object.__setattr__(self, "kind_n", _kinds_of(self.kind_n, len(position)))
         self._check_links(self.links)
         self._check_shapes(self.shapes)
         if self.tangential is not None:
@@ -259,11 +266,15 @@ class Packing:
             and self.tangential == other.tangential
             and self.shapes == other.shapes
             and self._given_masses() == other._given_masses()
+            and self._kinds() == other._kinds()
         )
 
     def __hash__(self) -> int:
         arrays = self.position_nd.tobytes(), self.radius_n.tobytes()
-        return hash((*arrays, self.box, self.links, self.tangential, self.shapes, self._given_masses()))
+        return hash((*arrays, self.box, self.links, self.tangential, self.shapes, self._given_masses(), self._kinds()))
+
+    def _kinds(self) -> bytes | None:
+        return None if self.kind_n is None or not self.kind_n.any() else self.kind_n.tobytes()
 
     def _given_masses(self) -> bytes | None:
         return None if self.given_mass_n is None else self.given_mass_n.tobytes()
@@ -275,6 +286,7 @@ class Packing:
         held.append(type(self.shapes).__name__ if self.shapes.has_orientations else "")
         held.append(f"{self.tangential.springs} tangential displacements" if self.tangential is not None else "")
         held.append("masses given" if self.given_mass_n is not None else "")
+        held.append(f"{self.kinds} kinds" if self.kinds > 1 else "")
         radii = f"radius {small:.6g}" if small == large else f"radii {small:.6g} to {large:.6g}"
         volume = f"box of {'area' if self.dimension == 2 else 'volume'} {self.box.volume:.6g}"
         return (
@@ -293,6 +305,11 @@ class Packing:
         return self.box.dimension
 
     @property
+    def kinds(self) -> int:
+        """Number of kinds of particles, the largest of `kind_n` + 1; 1 where it is None."""
+        return 1 if self.kind_n is None else int(self.kind_n.max(initial=0)) + 1
+
+    @property
     def plain(self) -> bool:
         """Whether particles are discs or spheres without links."""
         return not (self.shapes.has_orientations or self.links)
@@ -306,8 +323,7 @@ class Packing:
     def reference_diameter(self) -> float:
         """Diameter that sets the unit of length: the smallest of a mixture, the mean of a continuous distribution."""
         diameter = np.sort(self.diameter_n)
-        distinct = 1 + int(np.count_nonzero(np.diff(diameter) > 1e-9 * diameter[1:]))
-        return float(diameter[0] if distinct <= DISCRETE_SIZES else diameter.mean())
+        return float(diameter[0] if same_sizes(diameter)[-1] < DISCRETE_SIZES else diameter.mean())
 
     @property
     def rounding(self) -> float:
@@ -420,6 +436,7 @@ class Packing:
             None if given is None else given[kept_n],
             None if self.tangential is None else self.tangential.numbered(number),
             self.shapes.select(kept_n),
+            None if self.kind_n is None else self.kind_n[kept_n],
         )
 
     def wrapped(self) -> Packing:
@@ -463,6 +480,12 @@ class Packing:
         )
 
 
+def same_sizes(ascending_n: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the number of the size of each of (N,) ascending lengths, from 0; rounding makes no other size."""
+    step = np.diff(ascending_n) > 1e-9 * ascending_n[1:]
+    return np.concatenate([[0], np.cumsum(step)])
+
+
 def images_between(
     start_nd: NDArray[np.float64], start_box: Box, end_nd: NDArray[np.float64], end_box: Box
 ) -> NDArray[np.int64] | None:
@@ -473,6 +496,24 @@ def images_between(
     with np.errstate(over="ignore", invalid="ignore"):
         image = np.rint(end_nd @ end_box.inverse_dd.T - start_nd @ start_box.inverse_dd.T)
     return image.astype(np.int64) if (np.abs(image) <= 2.0**31).all() else None
+
+
+def _kinds_of(kind_n: Any, particles: int) -> NDArray[np.int64]:
+    """Return the checked (N,) kinds of particles.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument and the particle.
+
+    """
+    found = integer_array("kind_n", kind_n, shape=(particles,))
+    wrong = (found < 0) | (found >= MOST_KINDS)
+    if wrong.any():
+        n = int(wrong.argmax())
+        raise ValueError(f"kind_n must lie between 0 and {MOST_KINDS - 1}, got {found[n]} for particle {n}")
+    found.setflags(write=False)
+    return found
 
 
 def _numbers_of(kept_n: NDArray[Any], particles: int) -> NDArray[np.int64]:

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, TypeVar
 from packmech.calls.display import shown
 from packmech.check import BoxStrain, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
+    BY_KIND,
     SIGNED,
     Bonds,
     DampingRatio,
@@ -35,6 +36,7 @@ from packmech.effects import (
     refuse_walls,
     registered_effects,
 )
+from packmech.effects.kinds import ByKind, LawByKind, refuse_missing_kinds
 from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
 
@@ -641,7 +643,14 @@ class CreepDrive:
 
 def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
     for name, value in zip(record._fields, record, strict=True):
-        if is_law(value):
+        if isinstance(value, ByKind):
+            _check_table(where, record, name, value)
+            # with each number of the table the record was checked
+            return
+        if isinstance(record, LawByKind):
+            for p, one in enumerate(record.laws):
+                _check_numbers(f"{where}.laws[{p}]", one, slack=slack)
+        elif is_law(value):
             _check_numbers(f"{where}.{name}", value, slack=slack)
         elif name == "law":
             raise TypeError(f"{where}.law must be a law such as Harmonic(...), got {value!r}")
@@ -669,6 +678,17 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
         _check_derivatives(record)
 
 
+def _check_table(where: str, record: Any, name: str, table: ByKind) -> None:
+    """Check a record with each number of a table by kinds in turn, which one of its fields may be."""
+    if name not in BY_KIND.get(type(record), ()):
+        known = ", ".join(f"{cls.__name__}.{field}" for cls, fields in BY_KIND.items() for field in fields)
+        raise TypeError(
+            f"{where}.{name} must be the same for all kinds of particles (only {known} may differ), got {table!r}"
+        )
+    for number in table.numbers:
+        _check_numbers(where, record._replace(**{name: number}))
+
+
 @functools.lru_cache(maxsize=256)
 def _check_derivatives(record: Any) -> None:
     """Check the hooks of a law or an effect with its numbers, once for each."""
@@ -685,9 +705,10 @@ def _check_bound(where: str, record: Any) -> None:
 
 def _plain(record: Any) -> Any:
     """Return the record with every number a float, so that one combination of effects compiles once."""
-    return type(record)(
-        *(_plain(value) if isinstance(value, tuple) else None if value is None else float(value) for value in record)
+    values = (
+        _plain(value) if isinstance(value, tuple) else None if value is None else float(value) for value in record
     )
+    return type(record)(*values) if hasattr(record, "_fields") else tuple(values)
 
 
 @shown(lambda one: repr(one.packing))
@@ -751,6 +772,7 @@ class Scene:
                 f"effects must hold no Repulsion beside {type(whole).__name__}, which contains one: leave it out with "
                 "scene.without(pm.Repulsion)"
             )
+        refuse_missing_kinds(self.effects, self.packing)
         refuse_rolling(self.effects, self.packing)
         refuse_curvature_of_shapes(self.effects, self.packing)
         refuse_walls(self.effects, self.packing)

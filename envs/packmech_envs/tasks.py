@@ -280,7 +280,8 @@ def quenchable(scene: pm.Scene, *, bonds: str = "refuse", friction: str = "refus
                     'bonds="leave out" quenches the packing without them'
                 )
         elif isinstance(one, pm.Friction | pm.RollingResistance | pm.TwistingResistance):
-            if friction == "refuse" and one.coefficient > 0.0:
+            numbered = not isinstance(one.coefficient, pm.ByKind)
+            if friction == "refuse" and not (numbered and one.coefficient == 0.0):
                 raise ValueError(
                     "scene must have no friction here, whose tangential springs stretch on the way that particles take "
                     f'in time while a minimizer takes none, got effects[{k}]; friction="leave out" quenches the '

@@ -42,10 +42,11 @@ COLUMNS = {
     "breaking": "bonds that break: Bonds with breaks_at",
     "memory": "interactions that remember, such as JKR",
     "rough": "Walls with friction, or on which particles roll or spin with resistance",
+    "kinds": "laws and numbers that differ by kinds of particles: LawByKind, ByKind",
 }
 EFFECTS = tuple(COLUMNS)[:11]
 # columns of what a scene adds to its packing
-_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough")
+_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough", "kinds")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -67,6 +68,7 @@ INSTEAD = {
     "breaking": "pm.simulate or pm.ramp_strain",
     "memory": "pm.simulate",
     "rough": "pm.simulate or pm.settle",
+    "kinds": "pm.simulate or pm.quench",
 }
 
 
@@ -95,7 +97,15 @@ def columns_of(effect: Any) -> tuple[str, ...]:
         found.append("gravity")
     elif hasattr(effect, "body_force") or hasattr(effect, "spin_drag"):
         found.append("drag")
+    if _differs_by_kinds(effect):
+        found.append("kinds")
     return tuple(found)
+
+
+def _differs_by_kinds(record: Any) -> bool:
+    """Return whether a record holds a table by kinds of particles: its class says so."""
+    within = record if isinstance(record, tuple) else ()
+    return bool(getattr(record, "table_of_kinds", False)) or any(map(_differs_by_kinds, within))
 
 
 def _pushes_at_rest(effect: Any) -> bool:
@@ -181,6 +191,11 @@ class Honors:
                     f"{name}.effects must hold smooth walls for pm.{self.call}, which knows no rough ones, got {kind} "
                     f"with friction or resistance to rolling at {k}: take friction=pm.Friction(0.0), or use "
                     f"{self.instead(column)}"
+                )
+            if column == "kinds":
+                raise ValueError(
+                    f"{name}.effects must be the same for all kinds of particles for pm.{self.call}, which knows none, "
+                    f"got a table by kinds in {kind} at {k}: take one law or number, or use {self.instead(column)}"
                 )
             if column is not None:
                 # of what is in several columns a call that honors all

@@ -259,7 +259,7 @@ def _resumed(
 
 def _starts(job: str, asked: dict[str, Any], same: bool) -> str:
     """Return which random starts the members of a scene have, in words."""
-    if not is_random(read_scene_tables(job)[0].get("packing", {}).get("kind")):
+    if not is_random(read_scene_tables(job)[0]):
         return "starts: the packing of the scene"
     if not same:
         return "starts: drawn for each member by itself (--same-starts: one for each seed, whatever the other values)"

@@ -41,7 +41,10 @@ class CoulombLimit(NamedTuple):
 
 
 def find_at_limit(
-    tangential_c: NDArray[np.float64], normal_c: NDArray[np.float64], coefficient: float, residual: float
+    tangential_c: NDArray[np.float64],
+    normal_c: NDArray[np.float64],
+    coefficient: float | NDArray[np.float64],
+    residual: float,
 ) -> CoulombLimit:
     """Return which contacts are at the Coulomb limit.
 
@@ -54,7 +57,7 @@ def find_at_limit(
     tangential_c, normal_c
         (C,) sizes of tangential forces and normal forces [force].
     coefficient
-        Coulomb's coefficient [1].
+        Coulomb's coefficient, or those of the (C,) contacts [1].
     residual
         Largest net force over the mean normal force [1].
 

@@ -117,6 +117,8 @@ class Contacts:
     distance_c, contact_distance_c, effective_radius_c
         (C,) center distance, sum of radii, and r_i r_j / (r_i + r_j) [length]; ``gap_c`` is the first less the second
         [length], ``overlap_c`` the overlap over the second [1].
+    kinds_c
+        (C,) which pair of kinds of particles each is, as `pair_of_kinds` counts them.
     particles, dimension
         N and d of the packing.
 
@@ -129,6 +131,7 @@ class Contacts:
     distance_c: NDArray[np.float64]
     contact_distance_c: NDArray[np.float64]
     effective_radius_c: NDArray[np.float64]
+    kinds_c: NDArray[np.int64]
     particles: int
     dimension: int
 
@@ -226,6 +229,7 @@ class Contacts:
             self.distance_c[keep],
             self.contact_distance_c[keep],
             self.effective_radius_c[keep],
+            self.kinds_c[keep],
             self.particles,
             self.dimension,
         )
@@ -280,6 +284,29 @@ def distinct_pairs(
 def effective_radius(radius: Any, other: Any) -> Any:
     """Return r_i r_j / (r_i + r_j) of radii, or of arrays of them [length]."""
     return radius * other / (radius + other)
+
+
+@device
+def pair_of_kinds(one: Any, other: Any) -> Any:
+    """Return the place of two kinds, either of them first, in a table of all pairs; of arrays of kinds, too.
+
+    Pairs are counted row by row of the lower triangle, (0, 0), (1, 0), (1, 1), (2, 0), ..., so that further kinds
+    change no place.
+
+    Examples
+    --------
+    >>> [int(pair_of_kinds(*pair)) for pair in ((0, 0), (0, 1), (1, 0), (1, 1), (2, 0))]
+    [0, 1, 1, 2, 3]
+
+    """
+    high, low = np.maximum(one, other), np.minimum(one, other)
+    return high * (high + 1) // 2 + low
+
+
+def kinds_of_pairs(packing: Packing, i_c: NDArray[np.int64], j_c: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return (C,) which pair of kinds each pair of particles is; zeros where all are of one kind."""
+    kind_n = packing.kind_n
+    return np.zeros(len(i_c), dtype=np.int64) if kind_n is None else np.asarray(pair_of_kinds(kind_n[i_c], kind_n[j_c]))
 
 
 @kernel
@@ -338,7 +365,8 @@ def pair_contacts(
     if not apart:
         here = distance == 0.0
         normal[here] = coincident_normal(i_c[here], j_c[here], packing.dimension)
-    return Contacts(i_c, j_c, image_cd, normal, distance, sigma, effective, packing.particles, packing.dimension)
+    kinds = kinds_of_pairs(packing, i_c, j_c)
+    return Contacts(i_c, j_c, image_cd, normal, distance, sigma, effective, kinds, packing.particles, packing.dimension)
 
 
 def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension: int) -> NDArray[np.float64]:

@@ -26,6 +26,7 @@ from packmech.contacts.network import (
     effective_radius,
     find_contacts,
     gap_limit,
+    kinds_of_pairs,
     overlapping_or_all,
 )
 from packmech.contacts.scaled_contact import scaled_contacts
@@ -43,7 +44,7 @@ class ShapeContacts:
 
     Attributes
     ----------
-    i_c, j_c, image_cd, distance_c, contact_distance_c, particles, dimension
+    i_c, j_c, image_cd, distance_c, contact_distance_c, kinds_c, particles, dimension
         As in `Contacts`, distances those at which laws are taken.
     site_i_c, site_j_c
         (C,) beads that touch, as the shapes number them; of ellipses and spheroids the particles again.
@@ -65,6 +66,7 @@ class ShapeContacts:
     vector_cd: NDArray[np.float64]
     distance_c: NDArray[np.float64]
     contact_distance_c: NDArray[np.float64]
+    kinds_c: NDArray[np.int64]
     slope_cx: NDArray[np.float64]
     curvature_cxx: NDArray[np.float64]
     site_i_c: NDArray[np.int64]
@@ -257,8 +259,8 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
         distance, first = found.scale_p * sigma, found.first_px * sigma[:, None]
         curvature = found.second_pxx * sigma[: len(found.second_pxx), None, None]
     return ShapeContacts(
-        i, j, pairs.image_cd, vector, distance, sigma, first, curvature, pairs.i_c, pairs.j_c,
-        packing.particles, packing.dimension, packing.radius_n, shapes,
+        i, j, pairs.image_cd, vector, distance, sigma, kinds_of_pairs(packing, i, j), first, curvature,
+        pairs.i_c, pairs.j_c, packing.particles, packing.dimension, packing.radius_n, shapes,
     )  # fmt: skip
 
 

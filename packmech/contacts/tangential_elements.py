@@ -32,7 +32,7 @@ def tangential_elements(
     second_c: NDArray[np.float64],
     tangential_cd: NDArray[np.float64],
     stiffness: float | NDArray[np.float64],
-    coefficient: float = 0.0,
+    coefficient: float | NDArray[np.float64] = 0.0,
     sliding_c: NDArray[np.bool_] | None = None,
     kind: Kind = "exact",
 ) -> tuple[Elements, NDArray[np.float64]]:
@@ -88,7 +88,7 @@ def tangential_elements(
     # the limit follows the size of the normal force
     bent = np.einsum("ca,cax->cx", n, _with_rotations(pairs.curvature_cxx[:, :d], t, axes=1))
     normal = (second_c * pairs.push_c)[:, None] * slope + push[:, None] * bent
-    limit = coefficient * np.sign(first_c)[:, None] * normal
+    limit = np.broadcast_to(coefficient, len(n))[:, None] * np.sign(first_c)[:, None] * normal
     spring = np.broadcast_to(stiffness, len(n))[:, None]
     change = spring[:, None] * (slip - along[:, :, None] * np.einsum("ca,cax->cx", along, slip)[:, None])
     change += along[:, :, None] * limit[:, None] - n[:, :, None] * np.einsum("ca,cax->cx", pull, turning)[:, None]

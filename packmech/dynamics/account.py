@@ -36,6 +36,7 @@ from packmech.dynamics.contact_forces import (
     remember,
     resistance_at,
     slipping_of_touch,
+    slope_of,
     spring_of,
 )
 from packmech.dynamics.deformation import relative, turning, with_flow
@@ -60,13 +61,12 @@ from packmech.dynamics.friction import (
 from packmech.dynamics.stretches import inner_stretches
 from packmech.dynamics.threads import is_first, wait
 from packmech.dynamics.wall_friction import RoughWalls, slipping_at_wall, visit_wall, walk_walls
-from packmech.effects import ConstantRolling, Mindlin, RoughContacts, ViscousRolling, Walls, pair_first, spin_drag
+from packmech.effects import ConstantRolling, Mindlin, RoughContacts, ViscousRolling, Walls, spin_drag
 from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
-from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined, lean
+from packmech.minimize.passes.kind_rows import partners_of_rows
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
-from packmech.minimize.passes.shape_rows import partners_at
 
 # channels that store energy, that dissipate it, and through which work comes in
 STORING = (
@@ -450,7 +450,7 @@ def _formed_and_broken(effects, visiting, laws, pair):
 
 @inlined
 def _remembered_energy(effects, laws, pair, r):
-    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
+    partners = partners_of_rows(effects, laws.body, pair.i, pair.j)
     column, energy = len(spring_columns(laws.friction, laws.axes)), 0.0
     for one in literal_unroll(effects):
         energy += remembered_energy(one, r, partners, memory_at(one, laws.stretch_pk, pair.p, column))
@@ -506,11 +506,9 @@ def _account_pair(visiting, laws, pair, value):
 @inlined
 def _account_touch(effects, visiting, laws, pair, k, touch):
     u = relative(laws.rates, laws.axes, laws.body, pair.i, pair.j, pair.dx, pair.dy, pair.dz)
-    elastic = 0.0
-    for one in literal_unroll(effects):
-        elastic += pair_first(one, touch.rho, partners_at(touch))
+    elastic = slope_of(effects, pair, touch)
     damped = resistance_at(effects, laws, pair, touch, u, elastic)
-    normal = normal_under_cap(effects, touch, abs(elastic) * steepness(laws.shapes, touch))
+    normal = normal_under_cap(effects, pair, touch, abs(elastic) * steepness(laws.shapes, touch))
     # what a derivative of one takes up, times the derivatives
     slope = touch.x, touch.y, touch.z
     on_i, on_j = with_torques_of_slopes(laws.shapes, touch, 1.0, _NOTHING, _NOTHING)
@@ -519,7 +517,7 @@ def _account_touch(effects, visiting, laws, pair, k, touch):
     _supply(visiting, laws, pair, (first * touch.x, first * touch.y, first * touch.z))
     _add(visiting, CONTACTS, elastic * late, elastic * early)
     _add(visiting, DASHPOTS, damped * late, damped * early)
-    _store(visiting, CONTACTS, energy_of(effects, touch))
+    _store(visiting, CONTACTS, energy_of(effects, pair, touch))
     lost = _account_across(laws.friction, visiting, laws, pair, k, touch, u, normal)
     _compare(visiting, pair, GAVE, -(damped * (late + early) + lost))
     _compare_left(visiting, pair, elastic * late, elastic * early)

@@ -45,6 +45,7 @@ from packmech.dynamics.observables import (
 )
 from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, EngineSystem, Rule, Span, run_steps
 from packmech.effects import Friction, RoughContacts, friction_of
+from packmech.effects.kinds import ByKind, kinds_in
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, inner_lean, kernel
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
@@ -110,9 +111,18 @@ def _no_friction(friction, plan, doing, control_k):
 
 
 @inlined
-def _switched_friction(friction, plan, doing, control_k):
+def _switched_number(coefficient, plan, doing, control_k):
     switched = plan.switched and doing != OBSERVE
-    coefficient = control_k[control_k.shape[0] - 1] if switched else friction.coefficient
+    return control_k[control_k.shape[0] - 1] if switched else coefficient
+
+
+# the coefficient of a frame; a table by kinds is never switched
+_coefficient_of_frame = by_type(_switched_number, {ByKind: lambda coefficient, plan, doing, control_k: coefficient})
+
+
+@inlined
+def _switched_friction(friction, plan, doing, control_k):
+    coefficient = _coefficient_of_frame(friction.coefficient, plan, doing, control_k)
     return Friction(coefficient, friction.stiffness, friction.damping)
 
 
@@ -356,6 +366,12 @@ def must_be_alike(name: str, scene: Any, first: Scene) -> None:
         )
     if _kinds(scene.effects) != _kinds(first.effects):
         raise ValueError(f"{name} must have the kinds of effects of the first scene, got {scene.effects!r:.100}")
+    several, others = (kinds_in(one.effects, one.packing) is not None for one in (scene, first))
+    if several != others:
+        raise ValueError(
+            f"{name}.packing must have kinds of particles as the first scene's has, {first.packing.kinds}, got "
+            f"{scene.packing.kinds}"
+        )
 
 
 def _kinds(effects: Any) -> Any:
@@ -369,7 +385,7 @@ def _kinds(effects: Any) -> Any:
 CONTROLS = {"strain": 1, "rate": 1, "strain_and_rate": 2}
 
 
-_HONORS = declare("ShearBatch", "repulsion damping friction rolling bonds gravity walls drag shapes")
+_HONORS = declare("ShearBatch", "repulsion kinds damping friction rolling bonds gravity walls drag shapes")
 
 
 class ShearBatch:
@@ -456,6 +472,9 @@ class ShearBatch:
             raise TypeError(f"switched_friction must be True or False, got {switched_friction!r}")
         if switched_friction and not friction_of(first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
+        rough = friction_of(first.effects)
+        if switched_friction and rough and isinstance(rough.coefficient, ByKind):
+            raise ValueError(f"switched_friction must be left out where friction differs by kinds, got {rough!r}")
         method = checked_method(method)
         self.axes = two_axes("axes", axes, dimension=first.packing.dimension)
         self._direction_dd = strain_direction("shear", self.axes, first.packing.dimension)

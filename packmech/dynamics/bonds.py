@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.network import effective_radius
 from packmech.dynamics.deformation import relative
 from packmech.dynamics.friction import (
     Pull,
@@ -24,7 +25,7 @@ from packmech.dynamics.friction import (
 )
 from packmech.dynamics.stretches import blocks_of
 from packmech.effects import Bonds, law_energy, law_first
-from packmech.effects.partners import equal_partners, partners_of
+from packmech.effects.partners import equal_partners
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.minimize.passes.pair_list import NO_SLOT, Slots, collect
 from packmech.minimize.passes.shape_rows import ShapeTouch
@@ -124,8 +125,8 @@ def pull_of_bond(bonds, laws, b, dx, dy, dz):
     else:
         first = bond_first(bonds.compression, bonds.tension, r, bonds.rest_b[b])
         first += bonds.damping * (ux * nx + uy * ny + uz * nz)
-    pair = partners_of(body[i, 3], body[j, 3])
-    sigma, effective = pair.contact_distance, pair.effective_radius
+    size, other = body[i, 3], body[j, 3]
+    sigma, effective = size + other, effective_radius(size, other)
     touch = ShapeTouch(True, r, sigma, effective, nx, ny, nz, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     slip = slip_of_discs(axes, body, i, j, touch, (ux, uy, uz))
     spring = Spring(bonds.stretch_bk, b, 0)

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.contacts.network import effective_radius
 from packmech.dynamics import rigid_bodies as of_bodies
 from packmech.dynamics import shape_pairs as of_spheroids
 from packmech.dynamics.friction import relax_columns, slip_of_discs, turning_axes
 from packmech.dynamics.rigid_bodies import BodyRows, body_rows
 from packmech.effects import body_energy, body_force
-from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined
 from packmech.minimize.passes.interaction_rows import law_between
@@ -104,15 +104,11 @@ def _touch_of_discs(shapes, axes, body, pair, k):
     if square == 0.0:
         dx, dy, dz = coincident_direction(pair.i, pair.j, len(axes))
         inverse = 1.0
-    partners = partners_of(body[pair.i, 3], body[pair.j, 3])
-    sigma, effective, x, y, z = (
-        partners.contact_distance,
-        partners.effective_radius,
-        dx * inverse,
-        dy * inverse,
-        dz * inverse,
-    )
-    return ShapeTouch(True, r, sigma, effective, x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    size_i, size_j = body[pair.i, 3], body[pair.j, 3]
+    sigma, effective = size_i + size_j, effective_radius(size_i, size_j)
+    return ShapeTouch(
+        True, r, sigma, effective, dx * inverse, dy * inverse, dz * inverse, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    )  # fmt: skip
 
 
 @inlined

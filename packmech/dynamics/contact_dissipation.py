@@ -78,7 +78,7 @@ class ContactDissipation:
         return sum(self.by_channel.values())
 
 
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag held shapes breaking")
+@honors("repulsion kinds damping friction rolling bonds interactions gravity walls drag held shapes breaking")
 def contact_dissipation(
     scene: Scene,
     velocity_nd: ArrayLike,

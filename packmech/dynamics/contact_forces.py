@@ -62,10 +62,12 @@ from packmech.effects.interaction import (
     remembering_slope,
     remembers,
 )
+from packmech.effects.kinds import number_at
 from packmech.effects.pair import hook_of
-from packmech.effects.partners import partners_of
+from packmech.effects.partners import Partners
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, inlined
+from packmech.minimize.passes.kind_rows import kinds_between, partners_of_rows
 from packmech.minimize.passes.pair_list import NO_SLOT, Pair, is_near, visit, walk_pairs
 from packmech.minimize.passes.shape_rows import partners_at
 
@@ -112,12 +114,21 @@ def laws_of(system, pace):
 
 
 @inlined
-def energy_of(effects, touch):
+def energy_of(effects, pair, touch):
     """Return the energy of a contact."""
-    energy = 0.0
+    energy, partners = 0.0, partners_at(effects, pair.i, pair.j, touch)
     for one in literal_unroll(effects):
-        energy += pair_energy(one, touch.rho, partners_at(touch))
+        energy += pair_energy(one, touch.rho, partners)
     return energy
+
+
+@inlined
+def slope_of(effects, pair, touch):
+    """Return the derivative of the energy of a contact by its distance."""
+    slope, partners = 0.0, partners_at(effects, pair.i, pair.j, touch)
+    for one in literal_unroll(effects):
+        slope += pair_first(one, touch.rho, partners)
+    return slope
 
 
 @inlined
@@ -126,18 +137,17 @@ def _number(number, *others):
 
 
 @inlined
-def _stiffness_of(mindlin, laws, touch):
-    _, second = _law_of_touch(laws.effects, touch)
+def _stiffness_of(mindlin, laws, pair, touch):
+    kinds = kinds_between(laws.effects, pair.i, pair.j)
+    _, second = _law_of_touch(laws.effects, touch, kinds)
     steep = steepness(laws.shapes, touch)
     # of a law without stiffness there is no spring, and no division by it
-    return max(mindlin_stiffness(mindlin, second * steep * steep), _NO_STIFFNESS)
+    return max(mindlin_stiffness(mindlin, second * steep * steep, kinds), _NO_STIFFNESS)
 
 
 @inlined
 def _dashpot_of(damping, laws, pair, touch, u):
-    elastic = 0.0
-    for one in literal_unroll(laws.effects):
-        elastic += pair_first(one, touch.rho, partners_at(touch))
+    elastic = slope_of(laws.effects, pair, touch)
     _, coefficient = rate_and_dashpot(laws.effects, laws, pair, touch, u, elastic)
     return damping.ratio * coefficient
 
@@ -149,25 +159,25 @@ _dashpot_here = by_type(_number, {DampingRatio: _dashpot_of})
 @inlined
 def friction_here(friction, laws, pair, touch, u):
     """Return the friction with the numbers that it has at a contact."""
-    stiffness = _stiffness_here(friction.stiffness, laws, touch)
-    return Friction(friction.coefficient, stiffness, _dashpot_here(friction.damping, laws, pair, touch, u))
+    stiffness = _stiffness_here(friction.stiffness, laws, pair, touch)
+    coefficient = number_at(friction.coefficient, kinds_between(laws.effects, pair.i, pair.j))
+    return Friction(coefficient, stiffness, _dashpot_here(friction.damping, laws, pair, touch, u))
 
 
 @inlined
-def _energy_without(friction, laws, touch, pull):
+def _energy_without(friction, laws, pair, touch, pull):
     return 0.0
 
 
 @inlined
-def _energy_here(friction, laws, touch, pull):
-    return energy_of_springs(
-        Friction(friction.coefficient, _stiffness_here(friction.stiffness, laws, touch), 0.0), pull
-    )
+def _energy_here(friction, laws, pair, touch, pull):
+    k = _stiffness_here(friction.stiffness, laws, pair, touch)
+    return energy_of_springs(Friction(friction.coefficient, k, 0.0), pull)
 
 
 @inlined
-def _energy_of_rough(rough, laws, touch, pull):
-    k = _stiffness_here(rough.friction.stiffness, laws, touch)
+def _energy_of_rough(rough, laws, pair, touch, pull):
+    k = _stiffness_here(rough.friction.stiffness, laws, pair, touch)
     here = Friction(rough.friction.coefficient, k, 0.0)
     return energy_of_springs(RoughContacts(here, rough.rolling, rough.twisting), pull)
 
@@ -221,8 +231,9 @@ def rate_and_dashpot(effects, laws, pair, touch, u, elastic):
     """Return the rate of the distance of a touch, and the coefficient of its dashpots."""
     rate = rate_of_touch(laws.shapes, laws.axes, laws.body, pair, touch, u)
     mass = inertia_against(laws.shapes, laws.axes, laws.weight_nk, pair, touch)
-    energy, second = _law_of_touch(effects, touch)
-    known = TouchingPair(touch.rho, touch.sigma, rate, energy, elastic, second, mass, touch.effective_radius)
+    kinds = kinds_between(effects, pair.i, pair.j)
+    energy, second = _law_of_touch(effects, touch, kinds)
+    known = TouchingPair(touch.rho, touch.sigma, rate, energy, elastic, second, mass, touch.effective_radius, kinds)
     coefficient = 0.0
     for one in literal_unroll(effects):
         coefficient += pair_damping(one, known)
@@ -243,32 +254,34 @@ def _choose_resistance_at(effects: Any, laws: Any, pair: Any, touch: Any, u: Any
 
 
 @inlined
-def _law_of_touch(effects, touch):
+def _law_of_touch(effects, touch, kinds):
     energy = 0.0
     second = 0.0
+    partners = Partners(touch.sigma, touch.effective_radius, kinds)
     for one in literal_unroll(effects):
-        energy += pair_energy(one, touch.rho, partners_at(touch))
-        second += pair_second(one, touch.rho, partners_at(touch))
+        energy += pair_energy(one, touch.rho, partners)
+        second += pair_second(one, touch.rho, partners)
     return energy, second
 
 
-def normal_under_cap(effects: Any, touch: Any, normal: Any) -> Any:
+def normal_under_cap(effects: Any, pair: Any, touch: Any, normal: Any) -> Any:
     """Return the normal force that Coulomb's limit is made of; the same where a scene has no cohesion."""
     raise NotImplementedError("contacts act in compiled loops")
 
 
 @inlined
-def _with_cohesion(effects, touch, normal):
+def _with_cohesion(effects, pair, touch, normal):
+    partners = partners_at(effects, pair.i, pair.j, touch)
     for one in literal_unroll(effects):
-        normal += cap_force(one, touch.rho, partners_at(touch))
+        normal += cap_force(one, touch.rho, partners)
     return max(normal, 0.0)
 
 
 @compiled_form(normal_under_cap, inline=True)
-def _choose_normal_under_cap(effects: Any, touch: Any, normal: Any) -> Any:
+def _choose_normal_under_cap(effects: Any, pair: Any, touch: Any, normal: Any) -> Any:
     if any(hook_of(one, "cap_force") is not None for one in effects):
         return _with_cohesion
-    return lambda effects, touch, normal: normal
+    return lambda effects, pair, touch, normal: normal
 
 
 @inlined
@@ -286,12 +299,10 @@ def pull_of_touch(laws, pair, k, touch):
     """
     effects = laws.effects
     u = relative(laws.rates, laws.axes, laws.body, pair.i, pair.j, pair.dx, pair.dy, pair.dz)
-    elastic = 0.0
-    for one in literal_unroll(effects):
-        elastic += pair_first(one, touch.rho, partners_at(touch))
+    elastic = slope_of(effects, pair, touch)
     first = elastic + resistance_at(effects, laws, pair, touch, u, elastic)
     normal = abs(elastic) * steepness(laws.shapes, touch)
-    under_cap = normal_under_cap(effects, touch, normal)
+    under_cap = normal_under_cap(effects, pair, touch, normal)
     across, turning, on_i, on_j = friction_at(laws.friction, laws, pair, k, touch, u, under_cap)
     on_i, on_j = with_torques_of_slopes(laws.shapes, touch, first, on_i, on_j)
     return Pull(
@@ -307,7 +318,7 @@ def _forgetful_law(effects, laws, pair, r):
 
 @inlined
 def _remembering_law(effects, laws, pair, r):
-    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
+    partners = partners_of_rows(effects, laws.body, pair.i, pair.j)
     column = len(spring_columns(laws.friction, laws.axes))
     energy = first = 0.0
     for one in literal_unroll(effects):
@@ -320,7 +331,7 @@ def _remembering_law(effects, laws, pair, r):
 
 @inlined
 def _slope_alone(effects, laws, pair, r):
-    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
+    partners = partners_of_rows(effects, laws.body, pair.i, pair.j)
     column = len(spring_columns(laws.friction, laws.axes))
     first = 0.0
     for one in literal_unroll(effects):
@@ -356,7 +367,7 @@ _slopes_of_pair = by_type(_slopes_of_shapes, {type(None): _slope_of_discs})
 @inlined
 def _remember(effects, laws, pair):
     r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
-    partners = partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
+    partners = partners_of_rows(effects, laws.body, pair.i, pair.j)
     column = len(spring_columns(laws.friction, laws.axes))
     for one in literal_unroll(effects):
         bring_memory(one, r, partners, laws.stretch_pk, pair.p, column)

@@ -28,6 +28,7 @@ from packmech.effects import (
     roughness_of,
     springs_of,
 )
+from packmech.effects.kinds import largest_number
 from packmech.scene import Scene
 
 # a stable step shows up to 1 / (1 - (omega dt / 2)^2) times the energy of a motion: this much at 0.995 of the limit
@@ -91,14 +92,14 @@ def largest_held(scene: Scene) -> float:
     for one in resistances(roughness_of(scene.effects)):
         there = frictions_at_contacts(scene, one, lightest) if isinstance(one, Friction) else [one]
         softest = min(each.stiffness for each in there)
-        held += _BROAD * one.coefficient**2 / (2.0 * softest) if softest > 0.0 else 0.0
+        held += _BROAD * largest_number(one.coefficient) ** 2 / (2.0 * softest) if softest > 0.0 else 0.0
     return held
 
 
 def is_frictional(scene: Scene) -> bool:
     """Whether contacts of a scene, or its walls, have springs that give way."""
     rough = (roughness_of(scene.effects), *(one.roughness for one in rough_walls(scene.effects)))
-    return any(one.coefficient > 0.0 for each in rough for one in resistances(springs_of(each)))
+    return any(largest_number(one.coefficient) > 0.0 for each in rough for one in resistances(springs_of(each)))
 
 
 def pace_of_held(scene: Scene) -> float:

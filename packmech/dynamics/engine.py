@@ -93,6 +93,7 @@ from packmech.jit.compiled import kernel
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.passes.kernels import RUNNING
+from packmech.minimize.passes.kind_rows import row_kinds
 from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, Track, empty_list, follow
 from packmech.minimize.program import space_order
 from packmech.packing import Packing
@@ -958,7 +959,7 @@ def build_engine(
         change_dd=change,
         profile=Still() if profile is None else profile,
         direction_dd=direction_dd,
-        acting=Acting(pairs or None, bodies or None, friction, shape, walls),
+        acting=Acting((*pairs, *row_kinds(scene, order)) if pairs else None, bodies or None, friction, shape, walls),
         state=EngineArrays(
             tuple(range(spins)),
             body,
@@ -977,9 +978,7 @@ def build_engine(
             flow=flow,
             held=None if fixed_n is None else fixed_n[order],
         ),
-        pairs=empty_list(
-            n, skin, reach_beyond_contact(scene.effects, packing.radius_n), row_b=blocks_of(n), width=d + spins
-        ),
+        pairs=empty_list(n, skin, reach_beyond_contact(scene.effects, packing), row_b=blocks_of(n), width=d + spins),
         track=None
         if friction is None and not memory
         else empty_track(len(spring_columns(friction, tuple(range(d)))) + memory, most_beads(packing)),

@@ -37,8 +37,9 @@ from packmech.effects import (
     rough_walls,
     roughness_of,
 )
+from packmech.effects.kinds import bounding_partners
 from packmech.effects.pair import TouchingPair, at_overlap, hook_of
-from packmech.effects.partners import Partners, pairs_of_sizes
+from packmech.effects.partners import Partners
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.packing import Packing
@@ -378,13 +379,13 @@ def stiffening(packing: Packing) -> tuple[float, float]:
 def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float) -> list[Any]:
     """Return a friction as it is at contacts of the smallest, mean and largest particles, barely and deep.
 
-    The same for all where its stiffness and dashpot are numbers.
+    For each pair of kinds, where effects look at these; the same for all where its stiffness and dashpot are numbers.
     """
     if all(isinstance(one, float) for one in friction):
         return [friction]
     pairs = _of_pairs(scene)
     return [
-        at_contact(friction, touch.second, sum(pair_damping(one, touch) for one in pairs))
+        at_contact(friction, touch.second, sum(pair_damping(one, touch) for one in pairs), touch.kinds)
         for touch in _touches(scene, smallest_mass)
     ]
 
@@ -401,7 +402,7 @@ def resistance_at_contacts(
         return [at_normal_force(resistance, 0.0)]
     pairs, found = _of_pairs(scene), []
     for touch in _touches(scene, smallest_mass):
-        partners = Partners(touch.contact_distance, touch.effective_radius)
+        partners = Partners(touch.contact_distance, touch.effective_radius, touch.kinds)
         normal = abs(touch.first) + sum(cap_force(one, touch.distance, partners) for one in pairs)
         found.append(at_normal_force(resistance, max(normal, 0.0)))
     return found
@@ -413,10 +414,9 @@ def _of_pairs(scene: Scene) -> list[Any]:
 
 def _touches(scene: Scene, smallest_mass: float) -> list[TouchingPair]:
     """Return contacts of the smallest, mean and largest particles, barely and deep."""
-    size_n = scene.packing.shapes.site_radius(scene.packing.radius_n)
     return [
         at_overlap(_of_pairs(scene), overlap, partners, 0.5 * smallest_mass)
-        for partners in pairs_of_sizes(size_n)
+        for partners in bounding_partners(scene.effects, scene.packing, sites=True)
         for overlap in _OVERLAPS
     ]
 

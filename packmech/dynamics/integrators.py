@@ -29,8 +29,9 @@ from packmech.effects import (
 )
 from packmech.effects.derivatives import may_jump
 from packmech.effects.interaction import reach_of
+from packmech.effects.kinds import bounding_partners
 from packmech.effects.pair import at_overlap
-from packmech.effects.partners import equal_partners, pairs_of_sizes
+from packmech.effects.partners import equal_partners
 from packmech.packing import Packing
 from packmech.scene import Scene
 
@@ -146,12 +147,13 @@ def choose_time_step(scene: Scene, fraction: float) -> float:
 def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     """Return the largest stiffness k [energy/length^2], damping c [mass/time] and background drag [1/time] of a scene.
 
-    Contacts are looked up for the smallest, mean and largest particles (of rigid bodies, beads), each with each, at
-    overlaps of 0 and 0.1, with the smallest mass: k is |d2u/dr2|, c the damping of a slow approach. Bonds are looked up
-    at their rest lengths; walls as a particle and its mirror image, with half the stiffness. Each counts as many fold
-    as `stiffening` says. That bounds what resists rolling and twisting, too: with the arm a = r_i r_j / (r_i + r_j)
-    a^2 (1/I_i + 1/I_j) is at most m r^2 / I over the smallest mass, whatever the sizes. Interactions beyond contact
-    count by their largest curvature from an overlap of 0.1 on, along the pair, across it, and by turns in lengths.
+    Contacts are looked up for the smallest, mean and largest particles (of rigid bodies, beads), each with each, of
+    each pair of kinds, at overlaps of 0 and 0.1, with the smallest mass: k is |d2u/dr2|, c the damping of a slow
+    approach. Bonds are looked up at their rest lengths; walls as a particle and its mirror image, with half the
+    stiffness. Each counts as many fold as `stiffening` says. That bounds what resists rolling and twisting, too: with
+    the arm a = r_i r_j / (r_i + r_j) a^2 (1/I_i + 1/I_j) is at most m r^2 / I over the smallest mass, whatever the
+    sizes. Interactions beyond contact count by their largest curvature from an overlap of 0.1 on, along the pair,
+    across it, and by turns in lengths.
     """
     packing = scene.packing
     sizes = np.unique(2.0 * packing.shapes.site_radius(packing.radius_n)).tolist()
@@ -159,7 +161,7 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
     stiff, damped, drag = [_stiffness_beyond_contact(scene)], [0.0], 0.0
     pairs = [one for one in scene.effects if not is_bound(one)]
     smallest = float(packing.mass_n.min())
-    for partners in pairs_of_sizes(packing.shapes.site_radius(packing.radius_n)):
+    for partners in bounding_partners(scene.effects, packing, sites=True):
         for overlap in _OVERLAPS:
             touch = at_overlap(pairs, overlap, partners, 0.5 * smallest)
             stiff.append(steep * abs(touch.second))
@@ -209,7 +211,7 @@ def _rate_of_jumps(scene: Scene) -> float:
     packing, fastest = scene.packing, 0.0
     for one in interactions_of(scene.effects):
         jumps = remembers(one) and may_jump(one)
-        for partners in pairs_of_sizes(packing.radius_n) if jumps else ():
+        for partners in bounding_partners(scene.effects, packing) if jumps else ():
             sigma = partners.contact_distance
             held = remembered(one, (1.0 - _OVERLAPS[-1]) * sigma, partners, (0.0,) * memory_size(one))
             reach = reach_of(one, partners)
@@ -232,7 +234,7 @@ def _stiffness_beyond_contact(scene: Scene) -> float:
     packing, acting = scene.packing, interactions_of(scene.effects)
     radius, shapes = packing.radius_n, packing.shapes
     stiff = [0.0]
-    for partners in pairs_of_sizes(radius) if acting else ():
+    for partners in bounding_partners(scene.effects, packing) if acting else ():
         reach = max(reach_of(one, partners) for one in acting)
         for r in np.linspace(
             (1.0 - _OVERLAPS[-1]) * partners.contact_distance, reach, _DISTANCES, endpoint=False

@@ -207,8 +207,8 @@ def _add_up(summing, laws, pair, sums):
             if touch.touching:
                 pull = pull_of_touch(laws, pair, k, touch)
                 sums = ContactSums(
-                    sums.potential + energy_of(laws.effects, touch),
-                    sums.tangential + energy_across(laws.friction, laws, touch, pull),
+                    sums.potential + energy_of(laws.effects, pair, touch),
+                    sums.tangential + energy_across(laws.friction, laws, pair, touch, pull),
                     sums.contacts + 1.0,
                     sums.slides + pull.across.sliding,
                     sums.total + pull.normal,

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.coulomb_limit import find_at_limit
-from packmech.contacts.network import effective_radius
+from packmech.contacts.network import effective_radius, kinds_of_pairs
 from packmech.dynamics.bonds import bond_vector, pull_of_bond
 from packmech.dynamics.contact_forces import laws_of
 from packmech.dynamics.contact_records import record_contacts
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.observables import CONTACTS, LARGEST_FORCE, TOTAL
 from packmech.effects import ContactLengths, friction_of, under_cap
+from packmech.effects.kinds import number_at
 from packmech.jit.compiled import lean
 from packmech.links import one_way
 from packmech.minimize.passes.pair_list import listed_pairs
@@ -127,6 +128,7 @@ def _stands_at_limit(engine: Engine, found: Touching) -> NDArray[np.bool_]:
     residual = float(row[LARGEST_FORCE] / mean) if mean > 0.0 else math.inf
     size = np.sqrt((tangential**2).sum(axis=1))
     radius, other = (engine.scene.packing.radius_n[end] for end in (found.i_c, found.j_c))
-    touches = ContactLengths(length, radius + other, effective_radius(radius, other))
+    kinds = kinds_of_pairs(engine.scene.packing, found.i_c, found.j_c)
+    touches = ContactLengths(length, radius + other, effective_radius(radius, other), kinds)
     cap = under_cap(engine.scene.effects, found.normal_c, touches)
-    return find_at_limit(size, cap, friction.coefficient, residual).at_limit_c
+    return find_at_limit(size, cap, number_at(friction.coefficient, kinds), residual).at_limit_c

@@ -24,8 +24,9 @@ from packmech.effects import (
     resistances,
     roughness_of,
 )
+from packmech.effects.kinds import bounding_partners
 from packmech.effects.pair import at_overlap
-from packmech.effects.partners import equal_partners, pairs_of_sizes
+from packmech.effects.partners import equal_partners
 from packmech.result import Condition
 from packmech.scene import Scene
 
@@ -129,7 +130,7 @@ def _normal(scene: Scene, pairs: list[object], mass: float) -> list[tuple[float,
     Barely touching and pressed deep. The reduced mass is that of the lightest pair.
     """
     found, beyond = [], interactions_of(scene.effects)
-    for partners in pairs_of_sizes(scene.packing.radius_n):
+    for partners in bounding_partners(scene.effects, scene.packing):
         for overlap in _OVERLAPS:
             touch = at_overlap(pairs, overlap, partners, mass)
             spring = touch.second + sum(interaction_law(one, touch.distance, partners, 1.0).second for one in beyond)

@@ -104,14 +104,15 @@ def _number(number, wall, touch, rate, mass):
 
 @inlined
 def _stiffness(mindlin, wall, touch, rate, mass):
-    return max(mindlin_stiffness(mindlin, 2.0 * law_second(wall.law, touch.rho, equal_partners(touch.sigma))), 1e-200)
+    second = 2.0 * law_second(wall.law, touch.rho, equal_partners(touch.sigma))
+    return max(mindlin_stiffness(mindlin, second, 0), 1e-200)
 
 
 @inlined
 def _dashpot(damping, wall, touch, rate, mass):
     law, rho, image = wall.law, touch.rho, equal_partners(touch.sigma)
     energy, first, second = law_energy(law, rho, image), law_first(law, rho, image), law_second(law, rho, image)
-    pair = TouchingPair(rho, touch.sigma, rate, energy, first, second, mass, image.effective_radius)
+    pair = TouchingPair(rho, touch.sigma, rate, energy, first, second, mass, image.effective_radius, 0)
     return 2.0 * damping.ratio * dashpot_of(wall.damping, pair)
 
 

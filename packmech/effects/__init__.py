@@ -61,6 +61,7 @@ from packmech.effects.interaction import (
     remembered_energy,
     remembers,
 )
+from packmech.effects.kinds import ByKind, LawByKind, kinds_matter
 from packmech.effects.langevin import Langevin, langevin_of
 from packmech.effects.laws import (
     ElasticSpheres,
@@ -100,7 +101,7 @@ from packmech.effects.pair import (
     registered_effects,
     under_cap,
 )
-from packmech.effects.partners import Partners, equal_partners, pairs_of_sizes, partners_of
+from packmech.effects.partners import Partners, equal_partners, partners_of
 from packmech.effects.repulsion import Repulsion
 from packmech.effects.rolling import (
     ConstantRolling,
@@ -137,6 +138,10 @@ from packmech.effects.single import (
 )
 
 __all__ = [
+    "BY_KIND",
+    "ByKind",
+    "LawByKind",
+    "kinds_matter",
     "BREAKING_MODES",
     "BackgroundDamping",
     "BondLimits",
@@ -235,7 +240,6 @@ __all__ = [
     "pair_energy",
     "pair_first",
     "pair_second",
-    "pairs_of_sizes",
     "partners_of",
     "reach_beyond_contact",
     "refuse_curvature_of_shapes",
@@ -267,6 +271,15 @@ __all__ = [
     "wall_columns",
     "wall_sides",
 ]
+
+# fields that may differ by the kinds of the particles that touch
+BY_KIND: dict[type, tuple[str, ...]] = {
+    Friction: ("coefficient",),
+    Mindlin: ("poisson_ratio",),
+    Restitution: ("coefficient",),
+    ContactDamping: ("coefficient",),
+    ViscoelasticDamping: ("time",),
+}
 
 
 def law_of(effects: tuple[Any, ...]) -> Any:

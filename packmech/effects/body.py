@@ -117,7 +117,7 @@ def first_on_wall(wall: Any, distance: float, contact_distance: float, rate: flo
     law, image = wall.law, equal_partners(contact_distance)
     first = law_first(law, distance, image)
     energy, second = law_energy(law, distance, image), law_second(law, distance, image)
-    pair = TouchingPair(distance, contact_distance, rate, energy, first, second, mass, image.effective_radius)
+    pair = TouchingPair(distance, contact_distance, rate, energy, first, second, mass, image.effective_radius, 0)
     return first + dashpot_of(wall.damping, pair) * rate
 
 
@@ -273,7 +273,7 @@ class Walls(NamedTuple):
                 continue
             if isinstance(one, Friction) and not all(isinstance(number, float) for number in one):
                 found += [
-                    at_contact(one, self.body_stiffness(*at), 2.0 * self.body_damping(at[0], mass, at[1]))
+                    at_contact(one, self.body_stiffness(*at), 2.0 * self.body_damping(at[0], mass, at[1]), 0)
                     for at in there
                 ]
             elif isinstance(one, Friction):

@@ -16,6 +16,7 @@ from packmech.check import finite_array, instance, integer_array, one_of, positi
 from packmech.contacts import Contacts, find_contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects.held import held_particles
+from packmech.effects.kinds import kinds_matter
 from packmech.effects.laws import Law, LinearSpring, is_law, law_first
 from packmech.effects.pair import bound_effect
 from packmech.effects.partners import equal_partners, feels_curvature
@@ -216,6 +217,10 @@ class Bonds:
                 raise ValueError(
                     f"{name} must be a law of the distance and the rest length, as bonds have no effective radius, got "
                     f"{one!r}"
+                )
+            if kinds_matter((one,)):
+                raise ValueError(
+                    f"{name} must be the same for all kinds of particles, as bonds join particles by name, got {one!r}"
                 )
         self._check_tension()
         for name in ("tangential_stiffness", "damping", "tangential_damping"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from packmech.effects.kinds import ByKind, largest_number, number_at
 from packmech.effects.pair import TouchingPair, effect
 
 # how a dashpot sets in, and the relative overlap at which half of it acts
@@ -12,7 +13,7 @@ ONSETS = {"jump": 0.0, "smooth": 0.01}
 
 
 class _ContactDamping(NamedTuple):
-    coefficient: float = 0.1
+    coefficient: float | ByKind = 0.1
     # a name in files and calls, a number in every record
     onset: float | str = 0.0
 
@@ -28,7 +29,7 @@ class ContactDamping(_ContactDamping):
     Parameters
     ----------
     coefficient
-        Of the dashpot [mass/time].
+        Of the dashpot [mass/time], or `ByKind`.
     onset
         "jump": the whole dashpot acts as soon as particles touch, s = 1 (the usual linear dashpot). Its force
         jumps as a contact opens or closes, which leaves every integrator at first order there. "smooth": it grows with
@@ -46,7 +47,7 @@ class ContactDamping(_ContactDamping):
 
     """
 
-    def __new__(cls, coefficient: float = 0.1, onset: float | str = "jump") -> ContactDamping:
+    def __new__(cls, coefficient: float | ByKind = 0.1, onset: float | str = "jump") -> ContactDamping:
         """Return the record; compiled loops take numbers, so that an onset by name becomes one."""
         if isinstance(onset, str):
             if onset not in ONSETS:
@@ -56,11 +57,11 @@ class ContactDamping(_ContactDamping):
 
     def pair_damping(self, pair: TouchingPair) -> float:
         """Return the coefficient at this overlap [mass/time]."""
-        onset = float(self.onset)
+        onset, coefficient = float(self.onset), float(number_at(self.coefficient, pair.kinds))
         if onset == 0.0:
-            return self.coefficient
+            return coefficient
         overlap = (pair.contact_distance - pair.distance) / pair.contact_distance
-        return self.coefficient * overlap / (overlap + onset)
+        return coefficient * overlap / (overlap + onset)
 
 
 @effect
@@ -82,7 +83,7 @@ class Restitution(NamedTuple):
     Parameters
     ----------
     coefficient
-        e, above 0 and at most 1 [1].
+        e, above 0 and at most 1 [1], or `ByKind`.
 
     Examples
     --------
@@ -92,18 +93,18 @@ class Restitution(NamedTuple):
 
     """
 
-    coefficient: float = 0.9
+    coefficient: float | ByKind = 0.9
 
     def fault(self) -> str:
         """Return what is wrong with the number; nothing is, where it is empty."""
-        within = 0.0 < self.coefficient <= 1.0
+        within = 0.0 < largest_number(self.coefficient) <= 1.0
         return "" if within else f"coefficient must be above 0 and at most 1, got {self.coefficient!r}"
 
     def pair_damping(self, pair: TouchingPair) -> float:
         """Return the coefficient of the dashpot [mass/time]."""
         if not pair.energy > 0.0:
             return 0.0
-        lost = -math.log(self.coefficient)
+        lost = -math.log(number_at(self.coefficient, pair.kinds))
         ratio = lost / math.sqrt(math.pi * math.pi + lost * lost)
         return 2.0 * ratio * abs(pair.first) * math.sqrt(0.5 * pair.mass / pair.energy)
 
@@ -122,12 +123,12 @@ class ViscoelasticDamping(NamedTuple):
     Parameters
     ----------
     time
-        How long stresses last that a strain leaves in the material [time].
+        How long stresses last that a strain leaves in the material [time], or `ByKind`.
 
     """
 
-    time: float = 0.1
+    time: float | ByKind = 0.1
 
     def pair_damping(self, pair: TouchingPair) -> float:
         """Return the coefficient of the dashpot [mass/time]."""
-        return self.time * abs(pair.second)
+        return float(number_at(self.time, pair.kinds)) * abs(pair.second)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from packmech.effects.kinds import ByKind, largest_number, number_at
 from packmech.effects.pair import effect
 from packmech.jit.compiled import device, tell_apart
 
@@ -25,20 +26,20 @@ class Mindlin(NamedTuple):
     Parameters
     ----------
     poisson_ratio
-        nu, from 0 to 0.5 [1].
+        nu, from 0 to 0.5 [1], or `ByKind`.
 
     Examples
     --------
-    >>> round(mindlin_stiffness(Mindlin(0.5), 3.0), 12)
+    >>> round(mindlin_stiffness(Mindlin(0.5), 3.0, 0), 12)
     2.0
 
     """
 
-    poisson_ratio: float = 0.3
+    poisson_ratio: float | ByKind = 0.3
 
     def fault(self) -> str:
         """Return what is wrong with the number; nothing is, where it is empty."""
-        within = 0.0 <= self.poisson_ratio <= 0.5
+        within = 0.0 <= largest_number(self.poisson_ratio) <= 0.5
         return "" if within else f"poisson_ratio must be from 0 to 0.5, got {self.poisson_ratio!r}"
 
 
@@ -63,9 +64,13 @@ class DampingRatio(NamedTuple):
 
 
 @device
-def mindlin_stiffness(mindlin: Any, second: Any) -> Any:
-    """Return the tangential stiffness, a number or an array as the normal stiffness u'' is [energy/length^2]."""
-    return 2.0 * (1.0 - mindlin.poisson_ratio) / (2.0 - mindlin.poisson_ratio) * abs(second)
+def mindlin_stiffness(mindlin: Any, second: Any, kinds: Any) -> Any:
+    """Return the tangential stiffness, a number or an array as the normal stiffness u'' is [energy/length^2].
+
+    `kinds` are the pairs of kinds of particles, one or an array of them.
+    """
+    poisson_ratio = number_at(mindlin.poisson_ratio, kinds)
+    return 2.0 * (1.0 - poisson_ratio) / (2.0 - poisson_ratio) * abs(second)
 
 
 for _one in (Mindlin, DampingRatio):
@@ -87,7 +92,7 @@ class Friction(NamedTuple):
     Parameters
     ----------
     coefficient
-        Coulomb's coefficient mu [1].
+        Coulomb's coefficient mu [1], or `ByKind`.
     stiffness
         Of the tangential spring [energy/length^2], or `Mindlin`: in proportion to that of the normal force.
     damping
@@ -95,7 +100,7 @@ class Friction(NamedTuple):
 
     """
 
-    coefficient: float = 0.5
+    coefficient: float | ByKind = 0.5
     stiffness: float | Mindlin = 1.0
     damping: float | DampingRatio = 0.0
 
@@ -113,7 +118,7 @@ def friction_of(effects: tuple[Any, ...]) -> Friction | None:
 def acting_friction(effects: tuple[Any, ...]) -> Friction | None:
     """Return the friction among the effects; None without, and where its coefficient is 0."""
     found = friction_of(effects)
-    return found if found and found.coefficient > 0.0 else None
+    return found if found and largest_number(found.coefficient) > 0.0 else None
 
 
 def friction_or_zero(effects: tuple[Any, ...]) -> Friction:
@@ -121,8 +126,8 @@ def friction_or_zero(effects: tuple[Any, ...]) -> Friction:
     return acting_friction(effects) or Friction(0.0, 0.0, 0.0)
 
 
-def at_contact(friction: Friction, second: Any, normal: Any) -> Any:
-    """Return the friction with the stiffness and the dashpot that it has at contacts.
+def at_contact(friction: Friction, second: Any, normal: Any, kinds: Any) -> Any:
+    """Return the friction with the coefficient, the stiffness and the dashpot that it has at contacts.
 
     Parameters
     ----------
@@ -130,10 +135,13 @@ def at_contact(friction: Friction, second: Any, normal: Any) -> Any:
         The friction.
     second, normal
         Stiffness and coefficient of the dashpots along the normals, numbers or arrays.
+    kinds
+        The pairs of kinds of particles, one or an array of them.
 
     """
     k, c = friction.stiffness, friction.damping
     return friction._replace(
-        stiffness=mindlin_stiffness(k, second) if isinstance(k, Mindlin) else k,
+        coefficient=number_at(friction.coefficient, kinds),
+        stiffness=mindlin_stiffness(k, second, kinds) if isinstance(k, Mindlin) else k,
         damping=c.ratio * normal if isinstance(c, DampingRatio) else c,
     )

@@ -43,9 +43,10 @@ from packmech.contacts.elements import Elements
 from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
 from packmech.effects.bonds import acting_contacts, bonds_of
+from packmech.effects.kinds import bounding_partners
 from packmech.effects.laws import law_energy, law_first, law_second
 from packmech.effects.pair import hook_of
-from packmech.effects.partners import Partners, argument_of, as_asked, equal_partners, feels_curvature, pairs_of_sizes
+from packmech.effects.partners import Partners, argument_of, as_asked, equal_partners, feels_curvature
 from packmech.jit.compiled import compiled_form, device, kernel
 from packmech.jit.source_key import written_name
 from packmech.links import named_rows
@@ -364,18 +365,18 @@ def _choose_remembering_slope(effect: Any, distance: Any, partners: Any, alignme
     return slope
 
 
-def reach_beyond_contact(effects: tuple[Any, ...], radius_n: NDArray[np.float64]) -> float:
+def reach_beyond_contact(effects: tuple[Any, ...], packing: Packing) -> float:
     """Return how far beyond contact a scene's interactions reach [length]; 0 where it has none.
 
     Parameters
     ----------
     effects
         The scene's effects.
-    radius_n
-        (N,) radii, of which the contact distances are made [length].
+    packing
+        The packing, of whose radii the contact distances are made.
 
     """
-    pairs, acting = pairs_of_sizes(radius_n), interactions_of(effects)
+    pairs, acting = bounding_partners(effects, packing), interactions_of(effects)
     return max([0.0, *(reach_of(one, partners) - partners.contact_distance for one in acting for partners in pairs)])
 
 
@@ -448,7 +449,7 @@ class Interactions:
         if other is None:
             return self
         parts, names = zip(self._parts(), other._parts(), strict=True), ("i_c", "j_c", "image_cd", "normal_cd")
-        lengths = ("distance_c", "contact_distance_c", "effective_radius_c")
+        lengths = ("distance_c", "contact_distance_c", "effective_radius_c", "kinds_c")
         pairs: dict[str, Any] = {
             name: np.concatenate([getattr(one.pairs, name) for one in (self, other)]) for name in (*names, *lengths)
         }
@@ -491,14 +492,14 @@ def _law_of(
 
 
 @kernel
-def _laws(effects, pair_ck, alignment_c, memory_ck, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
+def _laws(effects, pair_ck, kinds_c, alignment_c, memory_ck, energy_c, first_ck, second_ckk):  # type: ignore[no-untyped-def]
     """Add the laws of the pairs, with the numbers that are kept of them; return nothing.
 
     Columns of pair_ck are distances, contact distances and effective radii.
     """
     for c in range(pair_ck.shape[0]):
         column, r, alignment = 0, pair_ck[c, 0], alignment_c[c]
-        partners = Partners(pair_ck[c, 1], pair_ck[c, 2])
+        partners = Partners(pair_ck[c, 1], pair_ck[c, 2], kinds_c[c])
         for one in literal_unroll(effects):
             law = _law_of(one, r, partners, alignment, memory_ck, c, column)
             column += memory_size(one)
@@ -526,7 +527,7 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
     acting, bonded = interactions_of(effects), bonded_pairs(packing, effects)
     pairs = Candidates(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, packing.dimension), np.int64))
     if acting:
-        beyond = reach_beyond_contact(acting, packing.radius_n)
+        beyond = reach_beyond_contact(acting, packing)
         pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=beyond)
     near = pair_contacts(packing, *pairs)
     if acting:
@@ -538,7 +539,7 @@ def find_interactions(packing: Packing, effects: tuple[Any, ...]) -> Interaction
     if acting:
         memory = _memory_of(packing, near, memory_columns(acting))
         pairs_ck = np.stack([near.distance_c, near.contact_distance_c, near.effective_radius_c], axis=1)
-        _laws(acting, pairs_ck, alignment, memory, energy, first, second)
+        _laws(acting, pairs_ck, near.kinds_c, alignment, memory, energy, first, second)
         found = found.select((energy != 0.0) | first.any(axis=1) | second.any(axis=(1, 2)))
     return found.joined(bonded)
 

@@ -64,10 +64,10 @@ def law(cls: L) -> L:
         A NamedTuple of numbers with the methods energy, first and second of (self, distance, contact_distance), or of
         (self, distance, partners) where the effective radius counts, too (`Partners`), and with a field `energy_scale`
         [energy], `stiffness` [energy/length^2] or `modulus` [energy/length^3] that sets the unit of energy, or a field
-        `law` with another law that does. A further method `fault(self)` may return what is wrong with the numbers, as
-        "name must ..., got ...", for scenes to say; an empty text is none. Energy and force must go to zero at contact
-        and be continuous below it, for what minimizers and time steps are sure of rests on that; a class whose force
-        is meant to jump says so, `force_jumps = True`.
+        `law` with another law that does, or `laws` with several, of which the largest does. A further method
+        `fault(self)` may return what is wrong with the numbers, as "name must ..., got ...", for scenes to say; an
+        empty text is none. Energy and force must go to zero at contact and be continuous below it, for what minimizers
+        and time steps are sure of rests on that; a class whose force is meant to jump says so, `force_jumps = True`.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def law(cls: L) -> L:
             )
         if len(inspect.signature(method).parameters) != 3:
             raise TypeError(f"law {cls.__name__}.{name} must take (self, distance, contact_distance)")
-    if not {"energy_scale", "stiffness", "modulus", "law"} & set(cls._fields):
+    if not {"energy_scale", "stiffness", "modulus", "law", "laws"} & set(cls._fields):
         raise TypeError(f"law {cls.__name__} must have a field energy_scale, stiffness or modulus, got {cls._fields}")
     own_name("law", cls, _COMPILED)
     tell_apart(cls)
@@ -367,6 +367,8 @@ def law_scale(law: Any, length: float) -> float:
     within = getattr(law, "law", None)
     if within is not None:
         return law_scale(within, length)
+    if hasattr(law, "laws"):
+        return max(law_scale(one, length) for one in law.laws)
     for name, power in (("energy_scale", 0), ("stiffness", 2)):
         if hasattr(law, name):
             return float(getattr(law, name)) * length**power

@@ -1,19 +1,42 @@
-"""What touching particles of one material do, from its constants: Young's modulus, Poisson's ratio, restitution."""
+"""What touching particles of materials do, from the constants of these: Young's modulus, Poisson's ratio, restitution.
+
+Two bodies of different materials touch as two of one material that stands for both (`Material` of the pair): what a
+contact depends on, E*, G*, restitution and friction, are four numbers of it.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from packmech.calls.display import shown
-from packmech.check import instance, positive, real
+from packmech.check import instance, one_of, positive, real
 from packmech.effects.body import Walls
 from packmech.effects.damping import Restitution
 from packmech.effects.friction import DampingRatio, Friction, Mindlin
-from packmech.effects.laws import ElasticSpheres, Law, LinearSpring
+from packmech.effects.kinds import ByKind, LawByKind, checked_pair
+from packmech.effects.laws import ElasticSpheres, LinearSpring
 from packmech.effects.repulsion import Repulsion
-from packmech.packing import Packing
+from packmech.packing import Packing, masses_of_density
+
+# means of a number of two materials, by name
+MIXING: dict[str, Callable[[float, float], float]] = {
+    "geometric": lambda one, other: math.sqrt(one * other),
+    "harmonic": lambda one, other: 2.0 * one * other / (one + other) if one * other > 0.0 else 0.0,
+    "mean": lambda one, other: 0.5 * (one + other),
+    "min": min,
+}
+
+
+def _modulus_of(one: Material, other: Material) -> float:
+    """Return E* of two bodies of these materials, 1/E* = sum of (1 - nu^2) / E [force/length^2]."""
+    return 1.0 / (1.0 / (2.0 * one.effective_modulus) + 1.0 / (2.0 * other.effective_modulus))
 
 
 @shown()
@@ -133,16 +156,44 @@ class Material:
         """
         other = self if of is None else of
         instance("of", other, Material)
-        modulus = 1.0 / (1.0 / (2.0 * self.effective_modulus) + 1.0 / (2.0 * other.effective_modulus))
-        both = self if of is None else self._mixed(other, modulus)
+        both = self if of is None else self.mixed(other)
+        modulus = _modulus_of(self, other)
         dashpots, sliding = both._dashpots(), both._sliding()
         # the law is that of the mirror image, whose overlap is twice as deep
         law = self._law(packing, 0.5 * modulus)
         friction = sliding[0] if sliding else Friction(0.0) if self.friction > 0.0 else None
         return Walls._make((axis, low, high, law, dashpots[0] if dashpots else 0.0, friction, None, None))
 
-    def _mixed(self, other: Material, modulus: float) -> Material:
-        """Return the material of which two bodies touch as one of this and one of the other, of this E*."""
+    def mixed(self, other: Material, mixing: str = "geometric") -> Material:
+        """Return the material of which two bodies touch as one of this and one of the other.
+
+        Its E* is that of both, 1/E* = sum of (1 - nu^2) / E, and its G*, 1/G* = sum of (2 - nu) / G, of which the
+        stiffness across smooth contacts is made (Johnson, Contact Mechanics, 1985, section 7.3). The density is the
+        mean.
+
+        Parameters
+        ----------
+        other
+            The other material.
+        mixing
+            Restitution and friction are these means of both: "geometric", "harmonic", "mean" (arithmetic), or "min".
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is wrong.
+
+        Examples
+        --------
+        >>> import packmech as pm
+        >>> pair = pm.Material(1.0, 0.3, friction=0.2).mixed(pm.Material(3.0, 0.3, friction=0.8))
+        >>> round(pair.young_modulus, 12), round(pair.poisson_ratio, 12), round(pair.friction, 12)
+        (1.5, 0.3, 0.4)
+
+        """
+        instance("other", other, Material)
+        mean = MIXING[one_of("mixing", mixing, tuple(MIXING))]
+        modulus = _modulus_of(self, other)
         shear = 1.0 / sum((2.0 - one.poisson_ratio) / one.shear_modulus for one in (self, other))
         # of one material 4 G*/E* = 2 (1 - nu)/(2 - nu)
         ratio = 4.0 * shear / modulus
@@ -150,11 +201,12 @@ class Material:
         return Material(
             young_modulus=2.0 * modulus * (1.0 - poisson**2),
             poisson_ratio=poisson,
-            restitution=math.sqrt(self.restitution * other.restitution),
-            friction=math.sqrt(self.friction * other.friction),
+            density=0.5 * (self.density + other.density),
+            restitution=mean(self.restitution, other.restitution),
+            friction=mean(self.friction, other.friction),
         )
 
-    def _law(self, packing: Packing, modulus: float) -> Law:
+    def _law(self, packing: Packing, modulus: float) -> ElasticSpheres | LinearSpring:
         """Return the repulsion of discs or spheres whose contacts have this E*."""
         instance("packing", packing, Packing)
         if packing.shapes.has_orientations:
@@ -171,3 +223,148 @@ class Material:
             return ()
         across: Any = DampingRatio(1.0) if self.restitution < 1.0 else 0.0
         return (Friction(self.friction, Mindlin(self.poisson_ratio), across),)
+
+
+@shown()
+@dataclass(frozen=True)
+class Materials:
+    """Materials of the particles of a scene: those of kind k (`Packing.kind_n`) are of the k-th.
+
+    Parameters
+    ----------
+    materials
+        A `Material` for each kind.
+    mixing
+        Restitution and friction of two different materials are these means of both: "geometric", "harmonic", "mean"
+        (arithmetic) or "min". Stiffnesses follow from the constants of both (`Material.mixed`).
+    exceptions
+        What was measured of pairs: {(a, b): {"friction": 0.3}}, with any fields of `Material` but the density; two
+        bodies touch then as two of one material with these constants, and for the others those of both. Of a kind with
+        itself these stand for its own.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> glass = pm.Material(7e4, 0.22, density=2.5, restitution=0.9, friction=0.4)
+    >>> steel = pm.Material(2e5, 0.3, density=7.8, restitution=0.6, friction=0.1)
+    >>> both = pm.Materials((glass, steel), exceptions={(0, 1): {"friction": 0.3}})
+    >>> both.of(0, 1).friction, round(both.of(0, 1).restitution, 6)
+    (0.3, 0.734847)
+    >>> crystal = pm.lattice_packing("fcc", repeats=(2, 2, 2))
+    >>> beads = crystal.replace(kind_n=[0, 1] * (crystal.particles // 2))
+    >>> beads = beads.replace(mass_n=both.masses(beads))
+    >>> [type(one).__name__ for one in both.effects(beads)]
+    ['Repulsion', 'Restitution', 'Friction']
+
+    """
+
+    materials: Sequence[Material]
+    mixing: str = "geometric"
+    exceptions: Mapping[tuple[int, int], Mapping[str, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.materials, Material) or not isinstance(self.materials, Sequence) or not self.materials:
+            raise TypeError(f"materials must be a tuple of materials, one for each kind, got {self.materials!r}")
+        for k, one in enumerate(self.materials):
+            instance(f"materials[{k}]", one, Material)
+        object.__setattr__(self, "materials", tuple(self.materials))
+        one_of("mixing", self.mixing, tuple(MIXING))
+        instance("exceptions", self.exceptions, Mapping)
+        known = {each.name for each in fields(Material)} - {"density"}
+        checked: dict[tuple[int, int], dict[str, float]] = {}
+        for pair, numbers in self.exceptions.items():
+            low, high = checked_pair("exceptions", pair)
+            if high >= len(self.materials):
+                raise ValueError(
+                    f"exceptions must name kinds below {len(self.materials)}, the number of materials, got {pair!r}"
+                )
+            if (low, high) in checked:
+                raise ValueError(f"exceptions must name kinds {low} and {high} once, got {pair!r} again")
+            if not isinstance(numbers, Mapping) or not set(numbers) <= known:
+                names = ", ".join(sorted(known))
+                raise ValueError(f"exceptions must hold numbers by name, among {names}, got {numbers!r} for {pair!r}")
+            checked[low, high] = dict(numbers)
+        object.__setattr__(self, "exceptions", checked)
+        for pair in self._pairs():
+            try:
+                self.of(*pair)
+            except (TypeError, ValueError) as error:
+                raise type(error)(f"exceptions[{pair}].{error}") from error
+
+    def of(self, one: int, other: int) -> Material:
+        """Return the material of which two particles touch as those of these kinds do."""
+        low, high = checked_pair("kinds", (one, other))
+        first, second = self.materials[low], self.materials[high]
+        both = first if first == second else first.mixed(second, self.mixing)
+        return replace(both, **self.exceptions.get((low, high), {}))
+
+    def effects(self, packing: Packing) -> tuple[Any, ...]:
+        """Return what acts between touching particles of a packing, as `Material.effects` of each pair of kinds.
+
+        Numbers that are the same for all pairs are no tables; of one material the effects are those of
+        `Material.effects`. `Restitution` is there if collisions of some pair do not leave all, friction if the
+        coefficient of some pair is not 0.
+
+        Masses are those of the packing: `masses` are those of the materials.
+
+        Parameters
+        ----------
+        packing
+            Of discs or spheres.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is no packing, of other shapes, or of more kinds than there are materials.
+
+        """
+        self._check(packing)
+        table = [self.of(*pair) for pair in self._pairs()]
+        laws = [one._law(packing, one.effective_modulus) for one in table]
+        law: Any = laws[0] if len(set(laws)) == 1 else LawByKind(tuple(laws))
+        found: list[Any] = [Repulsion(law)]
+        inelastic = any(one.restitution < 1.0 for one in table)
+        if inelastic:
+            found.append(Restitution(_by_kind([one.restitution for one in table])))
+        if any(one.friction > 0.0 for one in table):
+            across: Any = DampingRatio(1.0) if inelastic else 0.0
+            smooth = Mindlin(_by_kind([one.poisson_ratio for one in table]))
+            found.append(Friction(_by_kind([one.friction for one in table]), smooth, across))
+        return tuple(found)
+
+    def masses(self, packing: Packing) -> NDArray[np.float64]:
+        """Return the (N,) masses of a packing's particles, of the densities of their materials [mass].
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is no packing, or of more kinds than there are materials.
+
+        """
+        self._check(packing)
+        kind_n = np.zeros(packing.particles, np.int64) if packing.kind_n is None else packing.kind_n
+        density = np.array([one.density for one in self.materials])
+        volume = masses_of_density(1.0, packing.radius_n, packing.dimension)
+        return np.asarray(density[kind_n] * np.asarray(volume))
+
+    def _pairs(self) -> list[tuple[int, int]]:
+        """Return all pairs of kinds, in the order of tables."""
+        kinds = range(len(self.materials))
+        return [(low, high) for high, low in itertools.product(kinds, kinds) if low <= high]
+
+    def _check(self, packing: Packing) -> None:
+        instance("packing", packing, Packing)
+        if packing.kinds > len(self.materials):
+            raise ValueError(
+                f"packing must be of as many kinds as there are materials, {len(self.materials)}, got {packing.kinds}"
+            )
+
+
+def _by_kind(numbers: list[float]) -> Any:
+    """Return a table of numbers of pairs, or the number where all are the same."""
+    return numbers[0] if len(set(numbers)) == 1 else ByKind(tuple(numbers))

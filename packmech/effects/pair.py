@@ -79,6 +79,8 @@ class TouchingPair(NamedTuple):
         Inertia of the pair against a change of the distance: m_i m_j / (m_i + m_j) of discs and spheres, that of the
         other where one is held [mass]. Shapes that are touched off center turn as well and count less. Rigid links are
         not counted. 0 where nothing can move.
+    kinds
+        Which pair of kinds of particles they are, as in `Partners`.
 
     """
 
@@ -90,6 +92,7 @@ class TouchingPair(NamedTuple):
     second: float
     mass: float
     effective_radius: float
+    kinds: int = 0
 
 
 def effect(cls: E) -> E:
@@ -179,7 +182,7 @@ def effect(cls: E) -> E:
     example = default_record(cls)
     if example is not None:
         check_effect(example)
-    records: dict[str, tuple[Any, ...]] = {"pair_damping": (TouchingPair(*map(float, range(8))),)}
+    records: dict[str, tuple[Any, ...]] = {"pair_damping": (TouchingPair(0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 0),)}
     numbers = ((0.0,) * memory,) if memory else ()
     for name in hooks:
         pair: tuple[Any, ...] = (equal_partners(1.0) if asks_for_partners(cls, name) else 1.0,)
@@ -368,12 +371,12 @@ def at_overlap(effects: Sequence[Any], overlap: float, partners: Partners, mass:
         float(sum(part(one, distance, partners) for one in effects)) for part in (pair_energy, pair_first, pair_second)
     )
     return TouchingPair(
-        distance, partners.contact_distance, 0.0, energy, first, second, mass, partners.effective_radius
+        distance, partners.contact_distance, 0.0, energy, first, second, mass, partners.effective_radius, partners.kinds
     )
 
 
 class Touches(Protocol):
-    """Contacts, as laws are asked for them: their (C,) distances, contact distances and effective radii [length]."""
+    """Contacts, as laws are asked for them: their (C,) distances, contact distances, effective radii and kinds."""
 
     @property
     def distance_c(self) -> NDArray[np.float64]:
@@ -390,23 +393,33 @@ class Touches(Protocol):
         """Effective radii, as in `Partners` [length]."""
         ...
 
+    @property
+    def kinds_c(self) -> NDArray[np.int64]:
+        """Pairs of kinds, as in `Partners`."""
+        ...
+
 
 class ContactLengths(NamedTuple):
-    """The (C,) distances, contact distances and effective radii of contacts, and no more [length]."""
+    """The (C,) distances, contact distances and effective radii of contacts [length], their kinds, and no more."""
 
     distance_c: NDArray[np.float64]
     contact_distance_c: NDArray[np.float64]
     effective_radius_c: NDArray[np.float64]
+    kinds_c: NDArray[np.int64]
 
 
 def at_distances(touches: Touches, distance_c: NDArray[np.float64]) -> ContactLengths:
     """Return the contacts at other distances."""
-    return ContactLengths(distance_c, touches.contact_distance_c, touches.effective_radius_c)
+    return ContactLengths(distance_c, touches.contact_distance_c, touches.effective_radius_c, touches.kinds_c)
 
 
 def equal_touches(distance_c: NDArray[np.float64], contact_distance_c: NDArray[np.float64]) -> ContactLengths:
-    """Return contacts of particles of one size, or with a mirror image: effective radii are a quarter of the others."""
-    return ContactLengths(distance_c, contact_distance_c, 0.25 * contact_distance_c)
+    """Return contacts of particles of one size and of kind 0, or with a mirror image.
+
+    Effective radii are a quarter of the contact distances.
+    """
+    kinds = np.zeros(len(contact_distance_c), dtype=np.int64)
+    return ContactLengths(distance_c, contact_distance_c, 0.25 * contact_distance_c, kinds)
 
 
 class ContactTerms(NamedTuple):
@@ -419,12 +432,12 @@ class ContactTerms(NamedTuple):
 
 @kernel
 def _contact_terms(  # type: ignore[no-untyped-def]
-    effects, distance_c, contact_distance_c, effective_radius_c, touching_c, energy_c, first_c, second_c
+    effects, distance_c, contact_distance_c, effective_radius_c, kinds_c, touching_c, energy_c, first_c, second_c
 ):
     for c in range(distance_c.shape[0]):
         if touching_c[c]:
             r = distance_c[c]
-            partners = Partners(contact_distance_c[c], effective_radius_c[c])
+            partners = Partners(contact_distance_c[c], effective_radius_c[c], kinds_c[c])
             energy = 0.0
             first = 0.0
             second = 0.0
@@ -438,9 +451,9 @@ def _contact_terms(  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _cap_forces(effects, distance_c, contact_distance_c, effective_radius_c, cap_c):  # type: ignore[no-untyped-def]
+def _cap_forces(effects, distance_c, contact_distance_c, effective_radius_c, kinds_c, cap_c):  # type: ignore[no-untyped-def]
     for c in range(distance_c.shape[0]):
-        partners = Partners(contact_distance_c[c], effective_radius_c[c])
+        partners = Partners(contact_distance_c[c], effective_radius_c[c], kinds_c[c])
         for one in literal_unroll(effects):
             cap_c[c] += cap_force(one, distance_c[c], partners)
 
@@ -466,10 +479,11 @@ def under_cap(effects: tuple[Any, ...], normal_c: NDArray[np.float64], touches: 
     return np.asarray(np.maximum(cap, 0.0))
 
 
-def _columns(touches: Touches) -> tuple[NDArray[np.float64], ...]:
-    """Return distances, contact distances and effective radii, one behind the other in memory."""
+def _columns(touches: Touches) -> ContactLengths:
+    """Return distances, contact distances, effective radii and kinds, each one behind the other in memory."""
     columns = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
-    return tuple(np.ascontiguousarray(column, dtype=np.float64) for column in columns)
+    distance, sigma, radius = (np.ascontiguousarray(column, dtype=np.float64) for column in columns)
+    return ContactLengths(distance, sigma, radius, np.ascontiguousarray(touches.kinds_c, dtype=np.int64))
 
 
 def contact_terms(effects: tuple[Any, ...], touches: Touches, *, closing: bool = False) -> ContactTerms:
@@ -480,7 +494,7 @@ def contact_terms(effects: tuple[Any, ...], touches: Touches, *, closing: bool =
     effects
         The scene's effects.
     touches
-        The contacts, or their (C,) distances, contact distances and effective radii: `ContactLengths`.
+        The contacts, or their (C,) distances, contact distances, effective radii and kinds: `ContactLengths`.
     closing
         Give pairs that just touch, or are open, the derivatives of the closed side at contact (distance = contact
         distance). A lattice at its jamming point has the stiffness V''(1-) this way.
@@ -494,7 +508,7 @@ def contact_terms(effects: tuple[Any, ...], touches: Touches, *, closing: bool =
     [1.0, 0.0]
 
     """
-    distance, sigma, radius = _columns(touches)
+    distance, sigma, radius, kinds = _columns(touches)
     touching = distance < sigma
     if closing:
         distance = np.minimum(distance, sigma)
@@ -502,5 +516,5 @@ def contact_terms(effects: tuple[Any, ...], touches: Touches, *, closing: bool =
     energy, first, second = (np.zeros_like(distance) for _ in range(3))
     acting = tuple(one for one in effects if not is_bound(one))
     if acting:
-        _contact_terms(acting, distance, sigma, radius, touching, energy, first, second)
+        _contact_terms(acting, distance, sigma, radius, kinds, touching, energy, first, second)
     return ContactTerms(energy, first, second)

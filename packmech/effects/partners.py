@@ -1,15 +1,11 @@
-"""What laws are told of two particles that touch, beside their distance: how far and how curved they are."""
+"""What laws are told of two particles that touch, beside their distance: how large, how curved, of which kinds."""
 
 from __future__ import annotations
 
 import functools
 import inspect
-import itertools
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from packmech.contacts.network import effective_radius
 from packmech.jit.compiled import device
@@ -31,43 +27,41 @@ class Partners(NamedTuple):
         R = r_i r_j / (r_i + r_j) [length]; of rigid bodies with the radii of the beads that touch, of a wall, which is
         touched as an equal particle is, half the radius. nan of ellipses and spheroids, whose curvature differs from
         place to place.
+    kinds
+        Which pair of kinds of particles they are (`packmech.contacts.network.pair_of_kinds`): 0 of two of kind 0, 1 of
+        kinds 0 and 1, 2 of two of kind 1, 3 of kinds 0 and 2, and so on. Of walls and bonds 0.
 
     """
 
     contact_distance: float
     effective_radius: float
+    kinds: int = 0
 
 
 @device
-def partners_of(radius: float, other: float) -> Partners:
-    """Return the partners with these radii.
+def partners_of(radius: float, other: float, kinds: int) -> Partners:
+    """Return the partners with these radii, of this pair of kinds.
 
     Examples
     --------
-    >>> partners_of(0.5, 1.5)
-    Partners(contact_distance=2.0, effective_radius=0.375)
+    >>> partners_of(0.5, 1.5, 0)
+    Partners(contact_distance=2.0, effective_radius=0.375, kinds=0)
 
     """
-    return Partners(radius + other, effective_radius(radius, other))
+    return Partners(radius + other, effective_radius(radius, other), kinds)
 
 
 @device
 def equal_partners(contact_distance: float) -> Partners:
-    """Return two particles of one size: R is a quarter of the contact distance.
+    """Return two particles of one size and of kind 0: R is a quarter of the contact distance.
 
     Examples
     --------
     >>> equal_partners(1.0)
-    Partners(contact_distance=1.0, effective_radius=0.25)
+    Partners(contact_distance=1.0, effective_radius=0.25, kinds=0)
 
     """
-    return Partners(contact_distance, 0.25 * contact_distance)
-
-
-def pairs_of_sizes(radius_n: NDArray[np.float64]) -> tuple[Partners, ...]:
-    """Return partners of the smallest, the mean and the largest radius, each with each: what bounds are taken over."""
-    sizes = dict.fromkeys((float(radius_n.min()), float(radius_n.mean()), float(radius_n.max())))
-    return tuple(partners_of(*pair) for pair in itertools.combinations_with_replacement(sizes, 2))
+    return Partners(contact_distance, 0.25 * contact_distance, 0)
 
 
 @functools.cache

@@ -12,8 +12,10 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from packmech.check import clear_errors, positive, positive_array, real
+from packmech.contacts.network import pair_of_kinds
 from packmech.effects.damping import ViscoelasticDamping
 from packmech.effects.interaction import is_interaction
+from packmech.effects.kinds import checked_pair, kinds_of_table, tables_in
 from packmech.effects.laws import Law, is_law
 from packmech.effects.pair import at_overlap, damps, is_bound, is_effect, pair_damping, pair_energy
 from packmech.effects.partners import Partners, partners_of
@@ -31,7 +33,12 @@ _HALVINGS, _DOUBLINGS = 200, 60
 
 @clear_errors
 def coefficient_of_restitution(
-    effects: Sequence[Any], speed: float, *, radii: ArrayLike = (0.5, 0.5), masses: ArrayLike = (1.0, 1.0)
+    effects: Sequence[Any],
+    speed: float,
+    *,
+    radii: ArrayLike = (0.5, 0.5),
+    masses: ArrayLike = (1.0, 1.0),
+    kinds: tuple[int, int] = (0, 0),
 ) -> float:
     """Return the speed at which two particles part over that at which they meet head on [1]; 0 where they do not part.
 
@@ -47,6 +54,8 @@ def coefficient_of_restitution(
         Of the approach, v_i - v_j [length/time].
     radii, masses
         Of both [length], [mass]; a mass may be infinite.
+    kinds
+        Of both, for effects that differ by kinds.
 
     Raises
     ------
@@ -68,12 +77,23 @@ def coefficient_of_restitution(
         knows = is_effect(one) and not is_bound(one) and not is_interaction(one)
         if not knows or not (hasattr(one, "pair_energy") or damps(one)):
             raise TypeError(f"effects[{k}] must be a repulsion or a dashpot of touching pairs, got {one!r}")
-    return _restitution(acting, positive("speed", speed), *_pair_of(radii, masses))
+    partners, mass = _pair_of(radii, masses)
+    low, high = checked_pair("kinds", kinds)
+    for k, one in enumerate(acting):
+        for name, table in tables_in(one):
+            if high >= kinds_of_table(len(table)):
+                raise ValueError(
+                    f"kinds must be below {kinds_of_table(len(table))}, for which effects[{k}].{name} has numbers, got "
+                    f"{kinds!r}"
+                )
+    partners = partners._replace(kinds=int(pair_of_kinds(low, high)))
+    return _restitution(acting, positive("speed", speed), partners, mass)
 
 
 def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[Partners, float]:
     """Return the partners and the reduced mass of two particles; one of the masses may be infinite."""
-    partners = partners_of(*positive_array("radii", radii, shape=(2,), what="radius").tolist())
+    radius, other = positive_array("radii", radii, shape=(2,), what="radius").tolist()
+    partners = partners_of(radius, other, 0)
     try:
         found = np.asarray(masses, dtype=np.float64)
     except (TypeError, ValueError):

@@ -281,7 +281,7 @@ def _scene(table: Mapping[str, Any], member: Member) -> Scene:
     """Return the scene of a member: with its values, from a start that is drawn for it."""
     changes = {name: value for name, value in member.parameters.items() if name != "seed"}
     given = member.parameters.get("seed")
-    random = is_random(table["scene"].get("packing", {}).get("kind"))
+    random = is_random(table["scene"])
     seed = given
     if table["seeding"] == "parameters" and "packing.seed" not in changes and (random or given is not None):
         seed = member.random_seed

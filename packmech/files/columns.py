@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.files.formats import Given
 from packmech.files.snapshot import Snapshot
-from packmech.packing import Packing
+from packmech.packing import MOST_KINDS, Packing
 from packmech.shapes import Spheroids
 
 # arrays by their names in a snapshot, and what their columns are called, as in LAMMPS
@@ -25,16 +25,20 @@ VECTORS = {
     "torque_nk": ("tqx", "tqy", "tqz"),
 }
 SCALARS = {"radius_n": "radius", "mass_n": "mass", "aspect_n": "aspect"}
+# the column of kinds; other numbers and words in a column of that name are a field
+KIND = "kind"
 _NUMBERED = re.compile(r"(.+)\[(\d+)\]$")
 _WHOLE = re.compile(r"[+-]?\d{1,19}$")
 
 
 def arrays_of_particles(snapshot: Snapshot) -> dict[str, NDArray[Any]]:
-    """Return positions, radii, given masses, aspects and directors of spheroids, and fields, by name."""
+    """Return positions, radii, given masses, kinds, aspects and directors of spheroids, and fields, by name."""
     packing = snapshot.packing
     found: dict[str, NDArray[Any]] = {"position_nd": packing.position_nd, "radius_n": packing.radius_n}
     if packing.given_mass_n is not None:
         found["mass_n"] = packing.given_mass_n
+    if packing.kind_n is not None and packing.kinds > 1:
+        found[KIND] = packing.kind_n
     if isinstance(packing.shapes, Spheroids):
         found |= {"aspect_n": packing.shapes.aspect_n, "director_nd": packing.shapes.director_nd}
     return found | dict(snapshot.fields)
@@ -51,7 +55,14 @@ def snapshot_of_particles(
     if (aspect is None) != (director is None):
         raise ValueError("it must hold aspects and directors of its particles, got one of them alone")
     shapes = None if aspect is None or director is None else Spheroids(aspect, director)
-    return Snapshot(Packing(position, radius, box, mass_n=mass, shapes=shapes), rest, step=step)
+    kind = rest.pop(KIND) if KIND in rest and are_kinds(rest[KIND]) else None
+    return Snapshot(Packing(position, radius, box, mass_n=mass, shapes=shapes, kind_n=kind), rest, step=step)
+
+
+def are_kinds(column: NDArray[Any]) -> bool:
+    """Return whether these are numbers that kinds of particles can have."""
+    whole = column.dtype.kind in "iu" and column.ndim == 1
+    return whole and bool(((column >= 0) & (column < MOST_KINDS)).all())
 
 
 def flat(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
@@ -162,7 +173,8 @@ def rows_of(
 NUMBERS = frozenset(name for own in VECTORS.values() for name in own) | {"radius", "mass", "diameter", "aspect"}
 # names that readers know besides
 _OTHERS = frozenset(
-    "id ix iy iz xu yu zu xs ys zs xsu ysu zsu r d m lattice shapex shapey shapez quatw quati quatj quatk".split()
+    f"id {KIND} ix iy iz xu yu zu xs ys zs xsu ysu zsu r d m lattice shapex shapey shapez".split()
+    + "quatw quati quatj quatk".split()
 )
 
 

@@ -18,15 +18,20 @@ from packmech.box import Box
 from packmech.calls.honors import honors
 from packmech.check import clear_errors, instance, integer
 from packmech.contacts import Contacts, pair_contacts
-from packmech.files.columns import snapshot_of_particles
+from packmech.files.columns import KIND, snapshot_of_particles
 from packmech.files.extended_xyz import EXTXYZ
-from packmech.files.formats import BONDS, EVERYTHING, FORCES, SPHEROIDS, STEP, Format, Given, numeric
+from packmech.files.formats import BONDS, EVERYTHING, FORCES, KINDS, SPHEROIDS, STEP, Format, Given, numeric
 from packmech.files.gsd_file import GSD, frame_of, hoomd_lattice, visible_of
 from packmech.files.packings import kept_of, snapshot_of, warn_of
 from packmech.files.snapshot import Snapshot
 from packmech.packing import Packing
 
-_ATOMS = Format("ASE Atoms", (), frozenset((SPHEROIDS,)), EXTXYZ.frames, EXTXYZ.write)
+# what arrays of a packing are called there
+_OF_PACKING = ("radius", "aspect", "director", KIND)
+_ATOMS = Format(
+    *("ASE Atoms", (), frozenset((SPHEROIDS, KINDS)), EXTXYZ.frames, EXTXYZ.write),
+    field=lambda name, array: name not in _OF_PACKING,
+)
 _FRAME = Format("HOOMD", (), EVERYTHING | {BONDS, FORCES, STEP}, GSD.frames, GSD.write, field=numeric)
 # arrays of ASE's own
 _OF_ASE = ("numbers", "positions", "masses", "momenta")
@@ -46,8 +51,9 @@ def to_ase(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
     """Return the packing as `ase.Atoms`, exactly.
 
     Positions, the cell (of length one along z in two dimensions, where it is not periodic), arrays ``radius``, masses
-    where given, ``aspect`` and ``director`` of ellipses and spheroids, and fields as arrays of their names; symbols are
-    the field ``species``, else X. ASE keeps momenta: velocities are arrays here, too.
+    where given, ``kind`` where there are several, ``aspect`` and ``director`` of ellipses and spheroids, and fields as
+    arrays of their names; symbols are the field ``species``, else X. ASE keeps momenta: velocities are arrays here,
+    too.
 
     Parameters
     ----------
@@ -81,6 +87,8 @@ def to_ase(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
     species = fields.pop("species", np.full(held.particles, "X"))
     atoms = ase.Atoms(species.tolist(), place, cell=cell, pbc=[True, True, d == 3], masses=held.given_mass_n)
     arrays = {"radius": held.radius_n, **fields}
+    if held.kinds > 1:
+        arrays[KIND] = held.kind_n
     if held.shapes.has_orientations:
         arrays |= held.shapes.arrays()
     for name, array in arrays.items():
@@ -92,8 +100,9 @@ def to_ase(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
 def from_ase(atoms: Any, *, box: Box | None = None, radius: Any = None) -> Snapshot:
     """Return ASE's Atoms as a snapshot: two-dimensional where they are periodic along x and y only, at z = 0.
 
-    Arrays ``radius`` (or ``radii``), ``aspect`` and ``director`` are the packing's, momenta become velocities, other
-    arrays fields; entries of ``info``, constraints and calculators are left out, and listed in a warning.
+    Arrays ``radius`` (or ``radii``), ``kind``, ``aspect`` and ``director`` are the packing's, momenta become
+    velocities, other arrays fields; entries of ``info``, constraints and calculators are left out, and listed in a
+    warning.
 
     Parameters
     ----------
@@ -230,7 +239,7 @@ def from_hoomd(frame: Any) -> Snapshot:
 
 @honors("links shapes", packing_only=True)
 def to_freud(packing: Packing | Snapshot) -> tuple[Any, Any]:
-    """Return a freud system: a `freud.box.Box`, and (N, 3) positions in it. It holds nothing else.
+    """Return a freud system: a `freud.box.Box`, and (N, 3) positions in it. It holds neither radii nor kinds.
 
     freud's boxes are upper triangular and centered on the origin: both are turned into such a one, and positions are
     wrapped; a left-handed packing is seen in a lattice of which one vector is its negative.
@@ -312,7 +321,7 @@ def to_networkx(contacts: Any) -> Any:
 
     Edges have ``image`` (a tuple, also their key), ``distance``, ``contact_distance`` and ``normal`` (from the smaller
     number to the larger); of contact forces also ``normal_force`` and ``tangential_force`` (on the smaller number),
-    and nodes then ``position`` and ``radius``.
+    and nodes then ``position`` and ``radius``, and ``kind`` where there are several.
 
     Parameters
     ----------
@@ -352,6 +361,8 @@ def to_networkx(contacts: Any) -> Any:
         packing = contacts.scene.packing
         for n in range(packing.particles):
             graph.nodes[n].update(position=tuple(packing.position_nd[n].tolist()), radius=float(packing.radius_n[n]))
+            if packing.kind_n is not None and packing.kinds > 1:
+                graph.nodes[n]["kind"] = int(packing.kind_n[n])
         edges["normal_force"] = contacts.normal_c.tolist()
         edges["tangential_force"] = list(map(tuple, contacts.tangential_cd.tolist()))
     ends = zip(pairs.i_c.tolist(), pairs.j_c.tolist(), map(tuple, pairs.image_cd.tolist()), strict=True)

@@ -3,13 +3,13 @@
 Of each frame a line with the number of particles, one with ``Lattice`` (the lattice vectors one after another),
 ``Properties``, ``pbc`` (``"T T F"`` in two dimensions, where the third lattice vector is of length one and z is 0) and
 ``Timestep``, then a line for each particle: ``species`` (the field of that name, else X), ``pos``, ``radius``,
-``masses`` where given, ``aspect`` and ``director`` of ellipses and spheroids, and fields, those with names of their own
-as ``velo``, ``spin``, ``forces`` and ``torque``. OVITO draws spheroids by ``aspherical_shape``, semi-axes, and
-``orientation``, quaternions, which are written, too, and read of other programs. Positions need not lie in the cell.
-Numbers have as many digits as they need to be read back exactly (ASE's own writer has eight). Not kept are links,
-tangential displacements, rigid bodies, springs and forces of contacts. Read are also ``radii``, ``diameter``, ``mass``,
-``velocities``, ``force``; other columns are fields, and other entries of the second line are left out, and listed in a
-warning.
+``masses`` where given, ``kind`` where there are several, ``aspect`` and ``director`` of ellipses and spheroids, and
+fields, those with names of their own as ``velo``, ``spin``, ``forces`` and ``torque``. OVITO draws spheroids by
+``aspherical_shape``, semi-axes, and ``orientation``, quaternions, which are written, too, and read of other programs.
+Positions need not lie in the cell. Numbers have as many digits as they need to be read back exactly (ASE's own writer
+has eight). Not kept are links, tangential displacements, rigid bodies, springs and forces of contacts. Read are also
+``radii``, ``diameter``, ``mass``, ``velocities``, ``force``; other columns are fields, and other entries of the second
+line are left out, and listed in a warning.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.files import columns
-from packmech.files.formats import SPHEROIDS, STEP, Format, Given
+from packmech.files.formats import KINDS, SPHEROIDS, STEP, Format, Given
 from packmech.files.orientations import ellipsoids_of, rotations_of, spheroids_of
 from packmech.files.snapshot import Snapshot
 
@@ -233,8 +233,10 @@ def _field(name: str, array: NDArray[Any]) -> bool:
     return (
         not blank
         and not set(name) & set(":\"'=")
-        and (name in _NAMES or name not in (*_ALIASES, "diameter", _SHAPE, _QUATERNION))
+        and (name in _NAMES or name not in (*_ALIASES, "diameter", columns.KIND, _SHAPE, _QUATERNION))
     )
 
 
-EXTXYZ = Format("extxyz", (".extxyz", ".xyz"), frozenset((SPHEROIDS, STEP)), _Frames, _write, many=True, field=_field)
+EXTXYZ = Format(
+    "extxyz", (".extxyz", ".xyz"), frozenset((SPHEROIDS, KINDS, STEP)), _Frames, _write, many=True, field=_field
+)

@@ -16,8 +16,9 @@ from packmech.files.snapshot import FIELD_WORDS, Snapshot
 
 # what formats may keep beside positions, radii, masses and the box
 LINKS, TANGENTIAL, SPHEROIDS, BODIES = "links", "tangential displacements", "spheroids", "rigid bodies"
+KINDS = "kinds of particles"
 BONDS, FORCES, STEP, LAW = "springs", "contact forces", "step", "law"
-EVERYTHING = frozenset((LINKS, TANGENTIAL, SPHEROIDS, BODIES))
+EVERYTHING = frozenset((LINKS, TANGENTIAL, SPHEROIDS, BODIES, KINDS))
 
 
 class Given(NamedTuple):
@@ -139,9 +140,11 @@ class Format:
             yield LINKS, "packing must have no links", str(len(packing.links))
         if packing.tangential is not None and TANGENTIAL not in self.keeps:
             yield TANGENTIAL, "packing must have no tangential displacements", str(packing.tangential.springs)
-        kind = self._shape(snapshot)
-        if kind and kind not in self.keeps:
-            yield kind, "packing must be of discs or spheres", type(packing.shapes).__name__
+        if packing.kinds > 1 and KINDS not in self.keeps:
+            yield KINDS, "packing must be of one kind of particles", f"{packing.kinds} kinds"
+        shape = self._shape(snapshot)
+        if shape and shape not in self.keeps:
+            yield shape, "packing must be of discs or spheres", type(packing.shapes).__name__
         lost = [name for name, array in snapshot.fields.items() if not self.field(name, array)]
         if lost:
             yield "fields", f"packing must have no fields {', '.join(lost)}", "them"
@@ -163,7 +166,7 @@ class Format:
         """Return what the format keeps of the snapshot."""
         packing = snapshot.packing
         lost = {what for what, _, _ in self.not_kept(snapshot)}
-        changes: dict[str, Any] = {LINKS: {"links": None}, TANGENTIAL: {"tangential": None}}
+        changes: dict[str, Any] = {LINKS: {"links": None}, TANGENTIAL: {"tangential": None}, KINDS: {"kind_n": None}}
         changes |= dict.fromkeys((SPHEROIDS, BODIES), {"shapes": None})
         for what in lost & changes.keys():
             packing = packing.replace(**changes[what])

@@ -6,8 +6,10 @@ positive diagonal, and particles inside it. A packing is therefore written twice
 visible to every reader
     ``configuration/box`` (2D: ``dimensions`` 2, unit height), ``particles/position`` wrapped into that box and rotated
     with it, ``particles/image`` as taken away, ``particles/diameter`` and ``particles/mass``, one particle type for
-    each of up to ten sizes. Rigid bodies have no diameters: OVITO would scale their beads by them. The schema does not
-    store masses that are all 1: in other programs' files they are read as not given.
+    each of up to ten sizes, ``A``, ``B`` and so on; where particles are of several kinds one for each kind and size,
+    ``kind0_A``, ``kind1_A``: names that say kinds are read of other programs' files, too. Rigid bodies have no
+    diameters: OVITO would scale their beads by them. The schema does not store masses that are all 1: in other
+    programs' files they are read as not given.
     Links are ``constraints`` (pair and length) and ``bonds`` of the types "bond" and "shape", for what draws or holds
     them. The schema has no place for a link's image: readers take the nearest one. A particle's link with its own
     image is left out. Ellipses and spheroids have orientations and, for each particle type, shape definitions of the
@@ -33,6 +35,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,13 +53,15 @@ from packmech.files.orientations import ROUNDING, quaternions_to, rotations_of, 
 from packmech.files.snapshot import Snapshot
 from packmech.generate.rigid import UnionBody, beads_of, body_of, orientation_of
 from packmech.links import Links
-from packmech.packing import DISCRETE_SIZES, Packing
+from packmech.packing import DISCRETE_SIZES, MOST_KINDS, Packing
 from packmech.shapes import Beads, Shapes, Spheroids
 
 # log chunks of packmech's own, of particles, and of bonds
 _LOG, _OF_PARTICLES, _OF_BONDS = "packmech/", "particles/", "bonds/"
 _BOND_TYPES = ["bond", "shape"]
 _SPRING, _CONTACT = "spring", "contact"
+# the name of a particle type where there are several kinds
+_KIND_NAME = re.compile(r"kind(\d+)_[A-Z]\d*")
 _SINGLE = ROUNDING
 
 
@@ -118,9 +123,7 @@ def frame_of(snapshot: Snapshot) -> Any:
     if "velocity_nd" in snapshot.fields:
         velocity = _visible_directions(packing, snapshot.fields["velocity_nd"])
         frame.particles.velocity = _three_axes(velocity).astype(np.float32)
-    type_n = _show(packing.shapes, frame, packing)
-    frame.particles.types = [_type_name(k) for k in range(int(type_n.max()) + 1)]
-    frame.particles.typeid = type_n.astype(np.uint32)
+    _show_types(frame, packing)
     own = arrays_of(packing) | arrays_beside(snapshot)
     # chunks of the links stand last; the schema has no truth values
     for name in sorted(own, key=_is_of_links):
@@ -140,6 +143,28 @@ def _write(snapshots: Iterable[Snapshot], path: Path) -> None:
     with gsd.hoomd.open(str(path), "w") as file:
         for snapshot in snapshots:
             file.append(frame_of(snapshot))
+
+
+def _show_types(frame: Any, packing: Packing) -> None:
+    """Give the frame types of particles, one for each size and shape, or for each of these of each kind."""
+    look_n = _show(packing.shapes, frame, packing)
+    names = [_type_name(k) for k in range(int(look_n.max()) + 1)]
+    if packing.kind_n is not None and packing.kinds > 1:
+        found, look_n = np.unique(np.column_stack([packing.kind_n, look_n]), axis=0, return_inverse=True)
+        names = [f"kind{kind}_{names[look]}" for kind, look in found.tolist()]
+        if frame.particles.type_shapes is not None:
+            frame.particles.type_shapes = [frame.particles.type_shapes[look] for look in found[:, 1]]
+    frame.particles.types = names
+    frame.particles.typeid = look_n.ravel().astype(np.uint32)
+
+
+def _seen_kinds(frame: Any) -> NDArray[np.int64] | None:
+    """Return the kinds that the names of the particle types say; None where not all say one that a packing can have."""
+    found = {k: _KIND_NAME.fullmatch(frame.particles.types[k]) for k in np.unique(frame.particles.typeid).tolist()}
+    kinds = {k: int(one[1]) for k, one in found.items() if one is not None}
+    if len(kinds) < len(found) or max(kinds.values()) >= MOST_KINDS:
+        return None
+    return np.array([kinds[k] for k in frame.particles.typeid.tolist()], dtype=np.int64)
 
 
 def _type_name(number: int) -> str:
@@ -369,8 +394,11 @@ def _left_out(frame: Any, seen: Packing, own_log: set[str], is_exact: bool) -> l
             found.append("particles/diameter (sizes are those of particles/type_shapes)")
     used = np.unique(particles.typeid)
     defined = (list(particles.type_shapes or []) + [{}] * len(particles.types))[: len(particles.types)]
+    # names of types that say kinds are read
+    kind_n = np.zeros(len(diameter)) if seen.kind_n is None else seen.kind_n
     looks = {
-        (json.dumps(defined[k], sort_keys=True), *np.unique(diameter[particles.typeid == k]).tolist()) for k in used
+        (json.dumps(defined[k], sort_keys=True), *np.unique(np.c_[kind_n, diameter][particles.typeid == k]).tolist())
+        for k in used
     }
     if len(looks) < len(used):
         found.append(f"particle types ({', '.join(particles.types[k] for k in used)}), some of one size and shape")
@@ -518,7 +546,12 @@ def snapshot_of_frame(frame: Any) -> tuple[Snapshot, list[str]]:
     mass_n = np.asarray(frame.particles.mass, dtype=np.float64)
     what = _seen_shapes(frame, dimension)
     seen = Packing(
-        place + what.center_nd, what.radius_n, box, mass_n=None if (mass_n == 1.0).all() else mass_n, shapes=what.shapes
+        place + what.center_nd,
+        what.radius_n,
+        box,
+        mass_n=None if (mass_n == 1.0).all() else mass_n,
+        shapes=what.shapes,
+        kind_n=_seen_kinds(frame),
     )
     own = {name.removeprefix(_LOG): one for name, one in frame.log.items() if name.startswith(_LOG)}
     fields = {
@@ -560,7 +593,9 @@ def _same_links(exact: Snapshot, constraints: Any) -> bool:
 
 def _agree(exact: Packing, seen: Packing) -> bool:
     """Return whether the visible packing is the exact one rounded to single precision."""
-    if (exact.particles, exact.dimension) != (seen.particles, seen.dimension):
+    if (exact.particles, exact.dimension, exact.kinds) != (seen.particles, seen.dimension, seen.kinds):
+        return False
+    if exact.kinds > 1 and not np.array_equal(exact.kind_n, seen.kind_n):
         return False
     if type(exact.shapes) is not type(seen.shapes) or not np.array_equal(exact.shapes.start_n, seen.shapes.start_n):
         return False

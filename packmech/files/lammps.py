@@ -9,20 +9,23 @@ right-handed one. A packing of two dimensions lies at z = 0 in a box of ``-0.5 0
 
 Data files (``.data``, ``.lmp``; one packing)
     Of the atom style ``sphere``, or ``hybrid sphere bond`` where there are links or springs. Types of atoms are the
-    field ``type``, or else number up to ten sizes. Angular velocities stand with the velocities. LAMMPS keeps
-    densities of spheres, also of discs: masses come back to the last bit but for rounding where no density has that
-    mass, and those of density 1 as not given. Links and linear springs are bonds, each length and stiffness a bond
-    type, with coefficients of the bond style ``harmonic``, K = k/2; a comment beside them says which they are. LAMMPS
-    takes the nearest image of a bonded particle: others are refused. Rigid links have K = 0: hold them by fix shake
-    or rattle. Not kept are tangential displacements, other shapes, and springs of other laws or along tangents.
+    field ``type``, or else number up to ten sizes; where particles are of several kinds, types are these from 1, as the
+    title says, by which they are read back: kind 0 is type 1 (diameters are the atoms' own in LAMMPS). Angular
+    velocities stand with the velocities. LAMMPS keeps densities of spheres, also of discs: masses come back to the last
+    bit but for rounding where no density has that mass, and those of density 1 as not given. Links and linear springs
+    are bonds, each length and stiffness a bond type, with coefficients of the bond style ``harmonic``, K = k/2; a
+    comment beside them says which they are. LAMMPS takes the nearest image of a bonded particle: others are refused.
+    Rigid links have K = 0: hold them by fix shake or rattle. Not kept are tangential displacements, other shapes, and
+    springs of other laws or along tangents.
     Read are the styles atomic, bond, charge, dipole, molecular, full, sphere, bpm/sphere and hybrids of these; where a
     file does not name its style after ``Atoms #``, it is given as ``format="lammps-data:hybrid sphere bond"``. Masses
     by type are those of their atoms, and harmonic bonds are springs; bonds without coefficients, pair coefficients,
     angles and what belongs to them are left out, and listed in a warning.
 Dumps (``.dump``, ``.lammpstrj``; trajectories)
-    Columns ``id type x y z radius`` (``xu yu zu`` where particles lie outside the cell), ``mass`` where given,
-    ``aspect`` and ``director_x ...`` of ellipses and spheroids, fields. OVITO draws these by ``shapex shapey shapez``,
-    diameters along their axes, and ``quatw quati quatj quatk``, which are written, too, and read of other programs.
+    Columns ``id type x y z radius`` (``xu yu zu`` where particles lie outside the cell), ``mass`` where given, ``kind``
+    where there are several (types are then kinds from 1, unless there is a field ``type``), ``aspect`` and ``director_x
+    ...`` of ellipses and spheroids, fields. OVITO draws these by ``shapex shapey shapez``, diameters along their axes,
+    and ``quatw quati quatj quatk``, which are written, too, and read of other programs.
     Read are ``x xu xs xsu``, with ``ix iy iz`` or without, and ``radius`` or ``diameter``; other columns are fields.
     Not kept are links, tangential displacements, rigid bodies, springs and forces of contacts.
 """
@@ -43,11 +46,11 @@ from packmech.box import Box
 from packmech.effects.bonds import Bonds
 from packmech.effects.laws import LinearSpring
 from packmech.files import columns
-from packmech.files.formats import BONDS, LINKS, SPHEROIDS, STEP, Format, Given, One
+from packmech.files.formats import BONDS, KINDS, LINKS, SPHEROIDS, STEP, Format, Given, One
 from packmech.files.orientations import ellipsoids_of, rotations_of, spheroids_of
-from packmech.files.snapshot import Snapshot, types_of_sizes
+from packmech.files.snapshot import Snapshot, usual_types
 from packmech.links import Links
-from packmech.packing import Packing, masses_of_density
+from packmech.packing import MOST_KINDS, Packing, masses_of_density
 
 # LAMMPS's planes lie between these heights
 _LOW, _HIGH = -0.5, 0.5
@@ -82,6 +85,8 @@ _STYLES = {
 }
 # what the title says where the last lattice vector is written as its negative
 _MIRRORED = "last lattice vector reversed"
+# and where types of atoms are kinds of particles, from 1
+_TYPES_ARE_KINDS = "types are kinds"
 _ROUND = 4.0 * float(np.finfo(float).eps)
 
 
@@ -119,7 +124,7 @@ def _types(snapshot: Snapshot) -> NDArray[np.int64]:
     given = snapshot.fields.get("type")
     if given is not None and given.dtype.kind == "i" and given.ndim == 1 and given.min() >= 1:
         return given
-    return types_of_sizes(snapshot.packing.radius_n)
+    return usual_types(snapshot.packing)
 
 
 def _density(packing: Packing) -> NDArray[np.float64]:
@@ -176,6 +181,9 @@ def _pairs(snapshot: Snapshot) -> _Pairs:
 
 
 def _data_losses(snapshot: Snapshot) -> Iterator[str]:
+    if snapshot.packing.kinds > 1 and "type" in snapshot.fields:
+        if not np.array_equal(snapshot.fields["type"], usual_types(snapshot.packing)):
+            yield "no field type beside kinds of particles, which are the types, got both"
     pairs = _pairs(snapshot)
     far = int((~pairs.near(snapshot.packing)).sum()) if len(pairs.kind) else 0
     if far:
@@ -203,8 +211,11 @@ def _write_data(snapshots: Iterable[Snapshot], path: Path) -> None:
     keep = np.flatnonzero(pairs.near(packing)).tolist() if pairs.kind else []
     kinds = sorted({pairs.kind[k] for k in keep})
     style = "hybrid sphere bond" if kinds else "sphere"
-    type_n = _types(snapshot)
     box, said = packing.box, "" if snapshot.step is None else f", timestep = {snapshot.step}"
+    type_n = _types(snapshot)
+    if packing.kinds > 1:
+        type_n = usual_types(packing)
+        said += f", {_TYPES_ARE_KINDS}"
     if np.linalg.det(box.lattice_dd) < 0.0:
         # LAMMPS's vectors are right-handed; the negative of one spans the same lattice
         box = Box(box.lattice_dd * np.append(np.ones(box.dimension - 1), -1.0))
@@ -402,6 +413,10 @@ def _read_data(path: Path, given: Given) -> tuple[Snapshot, list[str]]:
         arrays["mass_n"] = density * np.where(radius > 0.0, _sphere(radius), 1.0)
     if not (arrays.get("spin_nk", np.ones(1)) != 0.0).any():
         arrays.pop("spin_nk")
+    if _TYPES_ARE_KINDS in data.title:
+        if arrays["type"].dtype.kind != "i" or not columns.are_kinds(arrays["type"] - 1):
+            raise ValueError(f"its atoms must be of types 1 to {MOST_KINDS} where types are kinds, got others")
+        arrays[columns.KIND] = arrays["type"] - 1
     step = re.search(r"timestep = (\d+)", data.title)
     snapshot = columns.snapshot_of_particles(arrays, box, given, int(step[1]) if step else None)
     snapshot, unread = _with_bonds(snapshot, data, number)
@@ -714,7 +729,7 @@ def _dump_field(name: str, array: NDArray[Any]) -> bool:
 DATA = Format(
     "lammps-data",
     (".data", ".lmp"),
-    frozenset((LINKS, BONDS, STEP)),
+    frozenset((LINKS, KINDS, BONDS, STEP)),
     _data_frames,
     _write_data,
     field=_data_field,
@@ -723,7 +738,7 @@ DATA = Format(
 DUMP = Format(
     "lammps-dump",
     (".dump", ".lammpstrj"),
-    frozenset((SPHEROIDS, STEP)),
+    frozenset((SPHEROIDS, KINDS, STEP)),
     _DumpFrames,
     _write_dump,
     many=True,

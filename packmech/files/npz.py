@@ -9,7 +9,8 @@ displacements of contacts, which make it version 4, are ``tangential_i_c``, ``ta
 and ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes them. Ellipses and spheroids, which make
 it version 5, are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them, and rigid
 bodies, which make it version 6, the fields of ``pm.Beads`` after ``bead_``; their tangential displacements, which make
-it version 7, have ``tangential_bead_c2``, too; ``tangential_rolling_ck`` and ``tangential_twisting_c`` make version 8.
+it version 7, have ``tangential_bead_c2``, too; ``tangential_rolling_ck`` and ``tangential_twisting_c`` make version 8,
+and kinds of particles, ``kind_n`` (N,) where there are several, version 9.
 Of a `Snapshot`, fields are arrays ``field_NAME``, forces of contacts
 ``contact_i_c`` and so on, springs ``bonds`` (a JSON table in bytes), and there is ``step``; none of them changes the
 packing, nor the version. Other arrays are left out, and listed in a warning.
@@ -38,7 +39,7 @@ from packmech.tangential import TangentialDisplacements
 
 # a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
 # springs are slack of version 3; one of discs or spheres at most of version 4, one of spheroids of version 5
-_FORMAT_VERSION = 8
+_FORMAT_VERSION = 9
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 # arrays that belong together: what their names begin with, the names of their fields, and whose they are
 LINK_GROUP = ("link_", _LINK_ARRAYS, "links")
@@ -54,6 +55,7 @@ REQUIRED = ("position_nd", "radius_n", "lattice_dd")
 OWN = (
     *REQUIRED,
     "mass_n",
+    "kind_n",
     *(_TANGENTIAL[0] + name for name in _SPRINGS_ALSO),
     *(prefix + name for prefix, names, _ in (LINK_GROUP, _TANGENTIAL, _SPHEROIDS, _BEADS) for name in names),
 )
@@ -112,6 +114,7 @@ def packing_in(arrays: Mapping[str, Any]) -> Packing:
         arrays.get("mass_n"),
         _springs_in(arrays),
         _shapes_in(arrays),
+        arrays.get("kind_n"),
     )
 
 
@@ -168,7 +171,7 @@ def write_npz(snapshot: Snapshot, path: Path, law: Any = None) -> None:
     own = arrays_of(packing)
     # the arrays that make a file one of a later version
     needs = {"link_i_l": 2, "mass_n": 3, "tangential_i_c": 4, "tangential_bead_c2": 7, "tangential_rolling_ck": 8}
-    needs["tangential_twisting_c"] = 8
+    needs |= {"tangential_twisting_c": 8, "kind_n": 9}
     version = max(_SHAPES[type(packing.shapes)][1], *(needs.get(name, 1) for name in own))
     arrays: dict[str, Any] = {"format_version": np.array(version), **own, **arrays_beside(snapshot)}
     if law is not None:
@@ -181,7 +184,7 @@ def read_law(path: Path) -> Any:
     """Return the law that is written beside a packing, None where none is."""
     text = _arrays(path).get("law")
     laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
-    return None if text is None else from_table(json.loads(str(text)), "law", laws, {"law": laws})
+    return None if text is None else from_table(json.loads(str(text)), "law", laws, {"law": laws, "laws": laws})
 
 
 def arrays_beside(snapshot: Snapshot) -> dict[str, Any]:
@@ -221,6 +224,8 @@ def arrays_of(packing: Packing) -> dict[str, Any]:
         found |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
     if packing.given_mass_n is not None:
         found["mass_n"] = packing.given_mass_n
+    if packing.kinds > 1:
+        found["kind_n"] = packing.kind_n
     springs = packing.tangential
     if springs is not None:
         prefix = _TANGENTIAL[0]

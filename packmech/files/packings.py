@@ -5,10 +5,10 @@
 | ``npz`` | ``.npz`` | everything, the law too (`packmech.files.npz`) |
 | ``gsd`` | ``.gsd`` | everything, also trajectories; for HOOMD, freud, OVITO (`packmech.files.gsd_file`) |
 | ``vtk`` | ``.vtp`` | everything; for ParaView (`packmech.files.vtk_file`) |
-| ``lammps-data`` | ``.data``, ``.lmp`` | links, linear springs, velocities, spins (`packmech.files.lammps`) |
-| ``lammps-dump`` | ``.dump``, ``.lammpstrj`` | ellipses and spheroids, fields, trajectories (`packmech.files.lammps`) |
-| ``extxyz`` | ``.extxyz``, ``.xyz`` | ellipses and spheroids, fields, trajectories (`packmech.files.extended_xyz`) |
-| ``csv`` | ``.csv`` | ellipses and spheroids, fields (`packmech.files.table_text`) |
+| ``lammps-data`` | ``.data``, ``.lmp`` | kinds, links, linear springs, velocities, spins (`packmech.files.lammps`) |
+| ``lammps-dump`` | ``.dump``, ``.lammpstrj`` | kinds, spheroids, fields, trajectories (`packmech.files.lammps`) |
+| ``extxyz`` | ``.extxyz``, ``.xyz`` | kinds, spheroids, fields, trajectories (`packmech.files.extended_xyz`) |
+| ``csv`` | ``.csv`` | kinds, ellipses and spheroids, fields (`packmech.files.table_text`) |
 | ``table`` | ``.txt``, ``.dat`` | nothing else (`packmech.files.table_text`) |
 
 What a format keeps, a file has to the last bit, in whatever box: read it back and it is equal. What it has no place for

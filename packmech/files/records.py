@@ -96,7 +96,7 @@ def to_table(record: Any) -> dict[str, Any]:
         if is_record(value):
             table[name] = to_table(value)
         elif isinstance(value, tuple):
-            table[name] = list(value)
+            table[name] = [to_table(one) if is_record(one) else one for one in value]
         elif hints.get(name) is int and isinstance(value, float):
             # compiled records hold all numbers alike
             table[name] = int(value)
@@ -163,7 +163,7 @@ def read_fields(
                 meant |= {one for one in fields if near.endswith(f"{one!r}?")}
                 raise ValueError(f"{path} must be a field of {kind_of(maker)} ({known}), got an unknown one{near}")
             if nested and name in nested and holds_record(hints.get(name, Any)) and not _number(value, hints.get(name)):
-                values[name] = from_table(value, path, nested[name], nested)
+                values[name] = _records(value, path, nested[name], nested)
             else:
                 values[name] = _value(path, value, hints.get(name, Any))
     for name, field in fields.items():
@@ -172,6 +172,13 @@ def read_fields(
             errors.found.append(ValueError(f"{where}.{name} must be given, got nothing"))
     errors.check()
     return maker, values
+
+
+def _records(value: Any, where: str, kinds: Kinds, nested: Mapping[str, Kinds]) -> Any:
+    """Return the record that a table describes, or those of a list of tables, or of rows of them."""
+    if isinstance(value, list):
+        return tuple(_records(one, f"{where}[{k}]", kinds, nested) for k, one in enumerate(value))
+    return from_table(value, where, kinds, nested)
 
 
 def _number(value: Any, hint: Any) -> bool:

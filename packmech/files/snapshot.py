@@ -18,7 +18,7 @@ from packmech.packing import DISCRETE_SIZES, Packing
 # fields that formats have names of their own for, as warnings call them
 FIELD_WORDS = {"velocity_nd": "velocities", "force_nd": "forces", "spin_nk": "spins", "torque_nk": "torques"}
 # names that a field cannot have: those of what a packing holds itself
-_TAKEN = frozenset(("position_nd", "radius_n", "mass_n", "aspect_n", "director_nd"))
+_TAKEN = frozenset(("position_nd", "radius_n", "mass_n", "aspect_n", "director_nd", "kind_n"))
 
 
 @shown()
@@ -192,8 +192,8 @@ class Snapshot:
 
     def beside(self) -> Iterator[str]:
         """Name what the snapshot holds and its packing does not, for warnings."""
-        # types that are numbered by size are written so again
-        usual = np.array_equal(self.fields.get("type", ()), types_of_sizes(self.packing.radius_n))
+        # types that are numbered by kind or size are written so again
+        usual = np.array_equal(self.fields.get("type", ()), usual_types(self.packing))
         known = {"type"} if usual else set()
         yield from (words for name, words in FIELD_WORDS.items() if name in self.fields)
         others = [name for name in self.fields if name not in FIELD_WORDS and name not in known]
@@ -209,7 +209,9 @@ def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
     return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
 
 
-def types_of_sizes(radius_n: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return types of particles by their sizes, from 1 for the smallest; all 1 where there are many sizes."""
-    sizes, type_n = np.unique(radius_n, return_inverse=True)
+def usual_types(packing: Packing) -> NDArray[np.int64]:
+    """Return types of particles from 1: their kinds where there are several, else by size; 1 where sizes are many."""
+    if packing.kind_n is not None and packing.kinds > 1:
+        return packing.kind_n + 1
+    sizes, type_n = np.unique(packing.radius_n, return_inverse=True)
     return np.asarray(type_n + 1 if len(sizes) <= DISCRETE_SIZES else np.ones_like(type_n))

@@ -18,7 +18,8 @@ particle, with masses in all lines or in none (and named in a comment then)::
 Either way of writing is read under any of the endings: with a header or without; blanks, tabs, commas or semicolons
 between numbers (with semicolons a comma may be the decimal point); in UTF-8, with a byte-order mark or not, or else
 Latin-1; with Fortran's exponents D. Columns are ``x y z``, ``radius`` (``r``, ``diameter``, ``d``), ``mass`` (``m``),
-``aspect``, ``director_x``, ...; others are fields. A unit in brackets after a blank, ``x [mm]``, is no part of a name.
+``kind``, ``aspect``, ``director_x``, ...; others are fields. A unit in brackets after a blank, ``x [mm]``, is no part
+of a name. Plain tables are written without kinds of particles: those of several kinds are refused.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.files import columns
-from packmech.files.formats import SPHEROIDS, STEP, Format, Given, One
+from packmech.files.formats import KINDS, SPHEROIDS, STEP, Format, Given, One
 from packmech.files.snapshot import Snapshot
 
 # what other programs call columns, in small letters
@@ -233,4 +234,4 @@ def _field(name: str, array: NDArray[Any]) -> bool:
     return columns.can_be_column(name, array, "#\n\r") and not re.search(r"\s[\[(]", name)
 
 
-CSV = Format("csv", (".csv",), frozenset((SPHEROIDS, STEP)), _frames, _write_csv, field=_field)
+CSV = Format("csv", (".csv",), frozenset((SPHEROIDS, KINDS, STEP)), _frames, _write_csv, field=_field)

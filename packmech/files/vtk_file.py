@@ -1,14 +1,14 @@
 """Packings as VTK files, for ParaView: points with radii, lines for links, springs and contacts with their forces.
 
 Poly data in XML, ``.vtp``, in double precision. Points are the particles (z is 0 in two dimensions), with the arrays
-``radius``, ``mass``, ``particle`` (their numbers), ``aspect`` and ``director`` of ellipses and spheroids, and fields:
-glyphs scaled by ``radius`` (scale factor 1, sphere source of radius 1) are the particles. Tensor glyphs by
-``semi_axes`` are ellipses and spheroids. Rigid bodies are drawn as their beads, points of their own with the number of
-the body, whose own point has the radius 0. Lines go from a particle to the other end of a link, spring or contact, at
-its image: where that is none of the particles it is a further point, of radius 0 and of the same number. Lines have the
-arrays ``kind`` (1 link, 2 spring, 3 contact; particles 0), ``normal_force`` and ``tangential_force`` (of contacts, on
-the first particle), and ``length`` (of links and springs). The field data ``packmech/...`` are the arrays of an
-``.npz`` file: everything is read back to the last bit.
+``radius``, ``mass``, ``kind`` where there are several, ``particle`` (their numbers), ``aspect`` and ``director`` of
+ellipses and spheroids, and fields: glyphs scaled by ``radius`` (scale factor 1, sphere source of radius 1) are the
+particles. Tensor glyphs by ``semi_axes`` are ellipses and spheroids. Rigid bodies are drawn as their beads, points of
+their own with the number of the body, whose own point has the radius 0. Lines go from a particle to the other end of a
+link, spring or contact, at its image: where that is none of the particles it is a further point, of radius 0 and of the
+same number. Lines have the arrays ``kind`` (1 link, 2 spring, 3 contact; particles 0), ``normal_force`` and
+``tangential_force`` (of contacts, on the first particle), and ``length`` (of links and springs). The field data
+``packmech/...`` are the arrays of an ``.npz`` file: everything is read back to the last bit.
 
 Of other programs' files, poly data and unstructured grids in any of the encodings of VTK's XML (ASCII, base64,
 appended, compressed by zlib), points are particles in the box given as ``box=``, with radii ``radius`` or ``diameter``
@@ -47,7 +47,7 @@ _TYPES = {
     "Float64": "f8",
 }
 # arrays of points that are no fields
-_OWN = ("radius", "mass", "particle", "aspect", "director", "semi_axes")
+_OWN = ("radius", "mass", columns.KIND, "particle", "aspect", "director", "semi_axes")
 
 
 def _three(array: NDArray[Any]) -> NDArray[Any]:

@@ -4,6 +4,7 @@ from packmech.generate.chains import chain_packing
 from packmech.generate.cluster_shapes import Cluster, Dimer, LinearCluster, RingCluster, Shape, StarCluster, Trimer
 from packmech.generate.clusters import cluster_packing, scattered_packing
 from packmech.generate.fragments import cut_fragments, fragment_numbers
+from packmech.generate.kinds import assign_kinds
 from packmech.generate.lattices import (
     LATTICE_NAMES,
     lattice_packing,
@@ -42,6 +43,7 @@ __all__ = [
     "StarCluster",
     "Trimer",
     "Uniform",
+    "assign_kinds",
     "bead_packing",
     "chain_packing",
     "cluster_packing",

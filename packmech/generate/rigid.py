@@ -93,7 +93,7 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
 
     Where links hold clusters only approximately or not at all, as rows of three beads or more, bodies are exactly
     rigid. A body's place is the center of mass of its union, of even density, its radius that of the disc or sphere of
-    equal area or volume, and its mass the sum of those of its beads where they were given.
+    equal area or volume, its mass the sum of those of its beads where they were given, and its kind that of its beads.
 
     Parameters
     ----------
@@ -106,7 +106,8 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
     Raises
     ------
     TypeError, ValueError
-        If the packing is none or has shapes, bodies are not numbered so, or there are neither numbers nor links.
+        If the packing is none or has shapes, bodies are not numbered so, or have beads of several kinds, or there are
+        neither numbers nor links.
 
     Examples
     --------
@@ -135,13 +136,23 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
     members = np.split(np.argsort(body, kind="stable"), np.cumsum(np.bincount(body))[:-1])
     bodies = [body_of(position[mine], packing.radius_n[mine]) for mine in members]
     orientation = np.array([orientation_of(one.frame_dd) for one in bodies])
-    given = packing.given_mass_n
+    given, kind_n = packing.given_mass_n, packing.kind_n
+    if kind_n is not None:
+        kind_n, bead_kind = kind_n[[mine[0] for mine in members]], kind_n
+        mixed = np.flatnonzero(bead_kind != kind_n[body])
+        if len(mixed):
+            n = int(mixed[0])
+            raise ValueError(
+                f"packing must have bodies whose beads are of one kind, got kinds {kind_n[body[n]]} and {bead_kind[n]} "
+                f"in body {body[n]}"
+            )
     return Packing(
         np.array([one.center_d for one in bodies]),
         np.array([one.radius for one in bodies]),
         packing.box,
         mass_n=None if given is None else np.bincount(body, given),
         shapes=beads_of(bodies, orientation),
+        kind_n=kind_n,
     )
 
 
@@ -149,8 +160,8 @@ def rigid_packing(packing: Packing, body_n: ArrayLike | None = None) -> Packing:
 def bead_packing(packing: Packing) -> Packing:
     """Return the discs or spheres that a packing of rigid bodies consists of, as a packing of them alone.
 
-    Their order is that of ``packing.shapes``: those of body n from ``start_n[n]`` on. Nothing holds them together in
-    it: it is there to be drawn, written and counted.
+    Their order is that of ``packing.shapes``: those of body n from ``start_n[n]`` on. They have its kind. Nothing holds
+    them together in it: it is there to be drawn, written and counted.
 
     Parameters
     ----------
@@ -175,4 +186,5 @@ def bead_packing(packing: Packing) -> Packing:
     if not isinstance(shapes, Beads):
         raise ValueError(f"packing must be one of rigid bodies (pm.Beads), got {type(shapes).__name__}")
     place = packing.position_nd[shapes.particle_b] + shapes.arms(packing.radius_n)
-    return Packing(place, shapes.site_radius(packing.radius_n), packing.box)
+    kind_n = None if packing.kind_n is None else packing.kind_n[shapes.particle_b]
+    return Packing(place, shapes.site_radius(packing.radius_n), packing.box, kind_n=kind_n)

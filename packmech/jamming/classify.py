@@ -227,7 +227,7 @@ BOUNDS = ("ball", "box")
 
 
 @shown_as("is it jammed?")
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion kinds links shapes", at_rest=True)
 def classify_jamming(
     packing: Packing | Scene,
     *,

@@ -560,9 +560,7 @@ def kicked(packing: Packing, basis_kdd: NDArray[np.float64], number: int) -> Pac
     return packing.replace(position_nd=position + position @ strain.T, box=packing.box.strained(strain))
 
 
-def certify(
-    state: HardState, radius_n: NDArray[np.float64], basis_kdd: NDArray[np.float64]
-) -> tuple[HardPacking | None, str]:
+def certify(state: HardState, like: Packing, basis_kdd: NDArray[np.float64]) -> tuple[HardPacking | None, str]:
     """Return the exact hard packing that the state has come close to, or None and what is missing.
 
     Accepted only if all contacts touch to 1e-11 and all other pairs are apart, every force is positive, and the
@@ -572,8 +570,8 @@ def certify(
     ----------
     state
         The end of an interior-point search.
-    radius_n
-        (N,) radii in the state's units.
+    like
+        A packing of these particles, in the state's units.
     basis_kdd
         (k, d, d) free strains.
 
@@ -581,7 +579,7 @@ def certify(
     reason = "no pair bears a force"
     for touching in _touching_pairs(state):
         try:
-            hard, reason = _accept(state, radius_n, basis_kdd, touching.copy())
+            hard, reason = _accept(state, like, basis_kdd, touching.copy())
         except np.linalg.LinAlgError as failure:
             hard, reason = None, f"the network cannot be factored: {failure}"
         if hard is not None:
@@ -591,7 +589,7 @@ def certify(
 
 def search_hard(
     state: HardState,
-    radius_n: NDArray[np.float64],
+    like: Packing,
     basis_kdd: NDArray[np.float64],
     iteration_limit: int,
     *,
@@ -604,8 +602,10 @@ def search_hard(
 
     Parameters
     ----------
-    state, radius_n, basis_kdd, iteration_limit
+    state, basis_kdd, iteration_limit
         As in `densify`.
+    like
+        A packing of these particles, in the state's units.
     approach
         Returns the state at a barrier; None: `densify`.
     accept
@@ -616,10 +616,10 @@ def search_hard(
     began = state.iterations
     while True:
         if approach is None:
-            state = densify(state, radius_n, basis_kdd, barrier=_BARRIERS[rung], iteration_limit=iteration_limit)
+            state = densify(state, like.radius_n, basis_kdd, barrier=_BARRIERS[rung], iteration_limit=iteration_limit)
         else:
             state = approach(state, _BARRIERS[rung])
-        hard = certify(state, radius_n, basis_kdd)[0] if accept is None else accept(state)
+        hard = certify(state, like, basis_kdd)[0] if accept is None else accept(state)
         if hard is not None and not hard.floppy_modes:
             return hard, state.iterations - began
         if state.iterations >= iteration_limit:
@@ -628,7 +628,7 @@ def search_hard(
             kicks, rung = kicks + 1, 0
             near, used = kicked(hard.packing, basis_kdd, kicks), state.iterations
             load = float(near.particles * near.dimension)
-            state = replace(start_state(near.position_nd, near.box.lattice_dd, radius_n, load), iterations=used)
+            state = replace(start_state(near.position_nd, near.box.lattice_dd, like.radius_n, load), iterations=used)
         elif hard is None and rung < len(_BARRIERS) - 1:
             rung += 1
         else:
@@ -653,14 +653,14 @@ def _room_for_rattlers(packing: Packing, state: HardState, live_n: NDArray[np.bo
 
 
 def _accept(
-    state: HardState, radius_n: NDArray[np.float64], basis_kdd: NDArray[np.float64], touching: NDArray[np.bool_]
+    state: HardState, like: Packing, basis_kdd: NDArray[np.float64], touching: NDArray[np.bool_]
 ) -> tuple[HardPacking | None, str]:
     reason = "no pair bears a force"
     ratio = np.log(state.force_c) - np.log(np.maximum(state.slack_c, 1e-300))
     for _ in range(_CORRECTIONS):
         if not touching.any():
             return None, reason
-        packing = Packing(state.position_nd, radius_n, Box(state.lattice_dd))
+        packing = like.replace(position_nd=state.position_nd, box=Box(state.lattice_dd))
         chosen = Candidates(*(part[touching] for part in state.pairs))
         packing, contacts, gap_error = bring_to_contact(packing, chosen, basis_kdd)
         k = len(basis_kdd)

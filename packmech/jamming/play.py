@@ -383,7 +383,7 @@ class PlayedMotion:
         return opened
 
 
-@honors("repulsion links", at_rest=True)
+@honors("repulsion kinds links", at_rest=True)
 def play_motion(
     packing: Packing | Scene,
     motion: UnjammingMotion | ArrayLike,

@@ -261,10 +261,13 @@ def scene_fingerprints(scene: Scene) -> dict[str, str]:
     links = packing.links
     named = (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l) if links else ()
     masses = () if packing.given_mass_n is None else (packing.given_mass_n,)
+    kinds = (packing.kind_n,) if packing.kinds > 1 else ()
     springs = packing.tangential
     tangential = () if springs is None else springs.arrays()
     shapes = (packing.shapes,) if packing.shapes.has_orientations else ()
-    arrays = packing.position_nd, packing.radius_n, packing.box.lattice_dd, *named, *masses, *tangential, *shapes
+    # what a packing has beside positions, radii and the box
+    beside = (*named, *masses, *tangential, *shapes, *kinds)
+    arrays = packing.position_nd, packing.radius_n, packing.box.lattice_dd, *beside
     found = {"packing": fingerprint(arrays)}
     return found | {f"effects[{k}]": fingerprint(one) for k, one in enumerate(scene.effects)}
 

@@ -203,7 +203,7 @@ def _contact_stress(grid: _Grid, forces: ContactForces) -> NDArray[np.float64]:
 
 @shown_as("coarse graining")
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory",
     at_rest=True,
     link_tolerance=STRAINED,
 )

@@ -42,6 +42,7 @@ from packmech.effects import (
     under_cap,
     wall_sides,
 )
+from packmech.effects.kinds import largest_number, number_at
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
 from packmech.measure.counting import mean_of_moving
@@ -108,7 +109,7 @@ class ContactForces:
     def limit(self) -> CoulombLimit:
         """Which contacts are at the Coulomb limit, which are doubtful, and the bound between (`find_at_limit`)."""
         size = np.sqrt((self.tangential_cd**2).sum(axis=1))
-        return find_at_limit(size, self.under_cap_c, _coefficient(self.scene), self.residual)
+        return find_at_limit(size, self.under_cap_c, _coefficients(self.scene, self.contacts), self.residual)
 
     @functools.cached_property
     def turning_limits(self) -> tuple[CoulombLimit, CoulombLimit]:
@@ -349,7 +350,7 @@ class ContactForces:
         packing, effects = self.scene.packing, self.scene.effects
         bearing, walls = self.contacts.select(self.bearing_c), rough_walls(effects)
         mu = _coefficient(self.scene)
-        # rows are made for this coefficient, and as long as their own is over it
+        # rows are made for this coefficient, the largest, and as long as their own is over it
         unit = mu if mu > 0.0 or not walls else 1.0
         if unit == 0.0:
             return rattlers_among(packing, bearing, effects)
@@ -360,7 +361,8 @@ class ContactForces:
         sizes = [0.0 if one is None else one.coefficient for one in resisting]
         moments = [size * arm if there else None for size, there in zip(sizes, (rolls, twists), strict=True)]
         rough = rough_ends_of(bearing, np.stack([point, point - bearing.vector_cd]), packing.spin_nkk, moments)
-        rough.side_esx[:, : packing.dimension - 1] *= mu / unit
+        share_c = np.broadcast_to(_coefficients(self.scene, bearing) / unit, len(bearing))
+        rough.side_esx[:, : packing.dimension - 1] *= np.tile(share_c, 2)[:, None, None]
         return rattlers_among(packing, bearing, effects, rough=rough, friction=unit, turning=(rolls, twists))
 
     @property
@@ -454,10 +456,16 @@ def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _coefficient(scene: Scene) -> float:
-    return friction_or_zero(scene.effects).coefficient
+    """Return Coulomb's coefficient, the largest where it differs by kinds; 0 without friction."""
+    return largest_number(friction_or_zero(scene.effects).coefficient)
 
 
-@honors("repulsion friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
+def _coefficients(scene: Scene, contacts: Contacts | ShapeContacts) -> Any:
+    """Return Coulomb's coefficient, or those of the (C,) contacts where it differs by kinds."""
+    return number_at(friction_or_zero(scene.effects).coefficient, contacts.kinds_c)
+
+
+@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
@@ -578,7 +586,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )

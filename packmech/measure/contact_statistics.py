@@ -231,7 +231,7 @@ class ForceDistribution:
         )
 
 
-@honors("repulsion friction rolling gravity walls held shapes", at_rest=True)
+@honors("repulsion kinds friction rolling gravity walls held shapes", at_rest=True)
 def force_distribution(scene: Scene, *, bins: int = 50, largest: float = 5.0) -> ForceDistribution:
     """Return the distribution of the sizes of the contact forces over their mean.
 
@@ -316,7 +316,7 @@ class ForceChains:
         )
 
 
-@honors("repulsion friction rolling gravity walls held shapes", at_rest=True)
+@honors("repulsion kinds friction rolling gravity walls held shapes", at_rest=True)
 def force_chains(scene: Scene, *, angle: float = 45.0) -> ForceChains:
     """Return the force chains of a scene at rest.
 

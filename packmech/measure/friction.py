@@ -73,7 +73,7 @@ def tangential_forces(
     friction = friction_of(scene.effects)
     if friction is not None:
         terms = contact_terms(scene.effects, contacts)
-        friction = at_contact(friction, terms.second_c * contacts.push_c**2, 0.0)
+        friction = at_contact(friction, terms.second_c * contacts.push_c**2, 0.0, contacts.kinds_c)
     displacement = _displacements(scene, contacts, "displacement_ck")
     return _across(friction, displacement, contacts.normal_cd, normal_c)
 
@@ -138,7 +138,7 @@ def _springs_at(side: WallSide, normal_wd: NDArray[np.float64], stretch_wk: NDAr
     terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
     push, steep = np.abs(terms.first_c), 2.0 * terms.second_c
     friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
-    here, before = at_contact(friction, steep, 0.0), stretch_wk[:, turns]
+    here, before = at_contact(friction, steep, 0.0, 0), stretch_wk[:, turns]
     # of `Mindlin`: 0 else
     fallen = (before > 0.0) & (before < here.stiffness)
     slid = stretch_wk[:, :turns] * np.where(fallen, before / here.stiffness, 1.0)[:, None]

@@ -34,7 +34,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -65,7 +65,7 @@ def energy(scene: Scene) -> float:
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -93,7 +93,7 @@ def forces(scene: Scene) -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -141,7 +141,7 @@ def stress_tensor(scene: Scene, *, parts: str = "total") -> NDArray[np.float64]:
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -171,7 +171,7 @@ def pressure(scene: Scene, *, parts: str = "total") -> float:
 
 
 @honors(
-    "repulsion friction rolling bonds interactions gravity walls held links breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links breaking memory rough",
     at_rest=True,
     link_tolerance=STRAINED,
 )

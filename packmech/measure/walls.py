@@ -81,7 +81,7 @@ def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts
     return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-@honors("repulsion friction rolling gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True)
 def wall_contacts(scene: Scene) -> WallContacts:
     """Return which particles touch walls, and how hard; those that are held do not count.
 

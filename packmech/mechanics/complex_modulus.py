@@ -202,7 +202,7 @@ def _damping(scene: Scene, found: Contacts | ShapeContacts, weight_n: NDArray[np
             turned = np.einsum("ckt,ct->ck", packing.turn_nkt[particle], part)
             inverse += weight_n[particle] * (turned**2).sum(axis=1)
     mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=inverse > 0.0)
-    columns = (distance, sigma, np.zeros_like(sigma), *terms, mass, closed.effective_radius_c)
+    columns = (distance, sigma, np.zeros_like(sigma), *terms, mass, closed.effective_radius_c, closed.kinds_c)
     pairs = (TouchingPair(*row) for row in zip(*(column.tolist() for column in columns), strict=True))
     return np.array([sum(pair_damping(one, pair) for one in acting) for pair in pairs], dtype=float)
 
@@ -232,7 +232,7 @@ def _touching(
     radius = scene.packing.radius_n
     # limits are made of the size of the normal force, of contacts that pull, too
     cap = under_cap(scene.effects, terms.first_c, found)
-    friction = at_contact(friction, terms.second_c * found.push_c**2, damping_c)
+    friction = at_contact(friction, terms.second_c * found.push_c**2, damping_c, found.kinds_c)
     if np.any(friction.stiffness):
         across = tangential_forces(scene, found, cap).force_cd
         springs = tangential_elements(found, radius, terms.first_c, terms.second_c, across, friction.stiffness)[0]
@@ -243,7 +243,7 @@ def _touching(
 
 
 @honors(
-    "repulsion damping friction rolling bonds interactions gravity drag shapes",
+    "repulsion kinds damping friction rolling bonds interactions gravity drag shapes",
     remarks={
         "walls": "walls follow no strain of the box",
         "held": "give those that follow the box as held_n",

@@ -479,7 +479,7 @@ def _across(matrix_ee: NDArray[np.float64], stiff_ke: NDArray[np.float64]) -> ND
 
 
 @shown_as("elastic moduli")
-@honors("repulsion friction rolling bonds interactions links shapes memory", at_rest=True)
+@honors("repulsion kinds friction rolling bonds interactions links shapes memory", at_rest=True)
 def elastic_moduli(
     scene: Scene,
     *,
@@ -721,7 +721,7 @@ _CARRIES = 1e-6
 
 
 @shown_as("compliance")
-@honors("repulsion bonds interactions links shapes memory", at_rest=True, rough="pm.elastic_moduli")
+@honors("repulsion kinds bonds interactions links shapes memory", at_rest=True, rough="pm.elastic_moduli")
 def compliance_matrix(
     scene: Scene,
     *,

@@ -163,7 +163,7 @@ def frictional_system(
     Contacts slide as they are given, those with walls as `contacts_at_limit` says.
     """
     network, terms, friction = found.network, found.terms, friction_or_zero(scene.effects)
-    friction = at_contact(friction, terms.second_c * network.contacts.push_c**2, 0.0)
+    friction = at_contact(friction, terms.second_c * network.contacts.push_c**2, 0.0, network.contacts.kinds_c)
     contacts, beyond = tangential_elements(
         network.contacts,
         network.packing.radius_n,
@@ -237,7 +237,7 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
     return SlidingResponse(system, relaxation, sliding, False)
 
 
-@honors("repulsion friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
 def stiffness_matrix(
     scene: Scene,
     strain: BoxStrain = "free",
@@ -377,7 +377,7 @@ class FrictionalModes:
 
 
 @shown_as("frictional modes")
-@honors("repulsion friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
 def frictional_modes(
     scene: Scene,
     count: int | None = None,

@@ -58,7 +58,7 @@ def check_strain_of_box(scene: Scene, strain: BoxStrain) -> None:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes memory",
+    "repulsion kinds bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.stiffness_matrix",
     link_tolerance=STRAINED,
@@ -146,7 +146,7 @@ def _width(scene: Scene) -> int:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes memory",
+    "repulsion kinds bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )
@@ -229,7 +229,7 @@ def dynamical_matrix(
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes memory",
+    "repulsion kinds bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.stiffness_matrix",
 )

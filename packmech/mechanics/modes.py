@@ -148,7 +148,7 @@ class Modes:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes memory",
+    "repulsion kinds bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.frictional_modes",
 )
@@ -507,7 +507,7 @@ class StateDensity:
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes memory",
+    "repulsion kinds bonds interactions gravity walls held links shapes memory",
     at_rest=True,
     rough="pm.frictional_modes",
 )

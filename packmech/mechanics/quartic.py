@@ -88,7 +88,7 @@ class QuarticModes:
 
 
 @shown_as("quartic modes")
-@honors("repulsion shapes", at_rest=True)
+@honors("repulsion kinds shapes", at_rest=True)
 def quartic_modes(
     scene: Scene,
     *,

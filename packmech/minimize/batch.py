@@ -14,6 +14,7 @@ from packmech.calls.honors import declare
 from packmech.check import finite_array, instance, integer, one_of, positive, real
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
+from packmech.effects.kinds import kinds_in
 from packmech.links import image_offsets
 from packmech.measure.counting import packing_fraction
 from packmech.mechanics.stability import stability
@@ -86,7 +87,7 @@ def relax_deep_overlaps(program: Program) -> None:
     program.put(build_program(harmonic).relax(force_tolerance=1e-2, method=Fire()).packing)
 
 
-_HONORS = declare("QuenchBatch", "repulsion links shapes", at_rest=True)
+_HONORS = declare("QuenchBatch", "repulsion kinds links shapes", at_rest=True)
 
 
 class QuenchBatch:
@@ -239,6 +240,11 @@ class QuenchBatch:
                 f"got {type(packing.shapes).__name__}"
             )
         instance("relax", relax, bool)
+        several, others = (kinds_in(self.scene.effects, one) is not None for one in (packing, own))
+        if several != others:
+            raise ValueError(
+                f"packing must have kinds of particles as the scene's has, {own.kinds}, got {packing.kinds}"
+            )
         program = build_program(self.scene.replace(packing=packing))
         apart = 0
         if own.shapes.has_orientations:

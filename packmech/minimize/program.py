@@ -17,7 +17,7 @@ from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import held_particles, is_interaction, pair_energy, pair_first, reach_beyond_contact
-from packmech.effects.partners import equal_partners
+from packmech.effects.kinds import reference_partners
 from packmech.loop.run_loop import RunLoop, RunSettings
 from packmech.minimize.passes.interaction_rows import bonded_rows
 from packmech.minimize.passes.kernels import (
@@ -33,6 +33,7 @@ from packmech.minimize.passes.kernels import (
     evaluate,
     judge,
 )
+from packmech.minimize.passes.kind_rows import row_kinds
 from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, empty_list, strain_list
 from packmech.minimize.passes.shape_rows import shape_rows
 from packmech.minimize.passes.single_rows import acting_on_rows
@@ -527,9 +528,9 @@ def space_order(packing: Packing) -> NDArray[np.int64]:
 
 def _diverges(scene: Scene) -> bool:
     """Return whether the energy near the center is beyond measure."""
-    sigma = scene.packing.reference_diameter
+    sigma, pairs = scene.packing.reference_diameter, reference_partners(scene.effects, scene.packing)
     try:
-        near = sum(float(pair_energy(one, 0.01 * sigma, equal_partners(sigma))) for one in scene.effects)
+        near = max(sum(float(pair_energy(one, 0.01 * sigma, pair)) for one in scene.effects) for pair in pairs)
     except (OverflowError, ZeroDivisionError, ValueError):
         return True
     return not near < 1e3 * scene.energy_scale
@@ -539,16 +540,18 @@ def _bearable_overlap(scene: Scene, diverges: bool) -> float:
     """Return the overlap [1] above which another law must part the particles: 1, of coincident centers, for none."""
     if diverges:
         return _DEEP
-    sigma = scene.packing.reference_diameter
-    pair = equal_partners(sigma)
+    sigma, pairs = scene.packing.reference_diameter, reference_partners(scene.effects, scene.packing)
     try:
-        close, deep = (sum(abs(float(pair_first(one, s * sigma, pair))) for one in scene.effects) for s in _CLOSE)
+        found = [
+            [sum(abs(float(pair_first(one, s * sigma, pair))) for one in scene.effects) for s in _CLOSE]
+            for pair in pairs
+        ]
     except (OverflowError, ZeroDivisionError, ValueError):
         return _COINCIDENT
     except TypeError:
         # a law whose force is no number is named where it is compiled
         return 1.0
-    return 1.0 if close <= _STEEP * deep else _COINCIDENT
+    return 1.0 if all(close <= _STEEP * deep for close, deep in found) else _COINCIDENT
 
 
 def build_program(scene: Scene) -> Program:
@@ -592,7 +595,7 @@ def build_program(scene: Scene) -> Program:
     row[: packing.particles, 3] = shapes.reach(packing.radius_n)[order]
     small, change = packing.box.reduced()
     bonds, bonded = bonded_rows(scene, order, wrap, change)
-    effects = (*effects, *bonds, *single, *shape_rows(packing, order))
+    effects = (*effects, *bonds, *single, *shape_rows(packing, order), *row_kinds(scene, order))
     sizes = size_levels(row[: packing.particles, 3].copy())
     skin = _SKIN / float(np.mean(1.0 / packing.diameter_n))
     held = held_particles(scene.effects, packing.particles)
@@ -616,7 +619,7 @@ def build_program(scene: Scene) -> Program:
             resolution=np.zeros(1),
             held=None if held is None else held[order],
         ),
-        pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing.radius_n)),
+        pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing)),
         diverges=diverges,
         bearable_overlap=_bearable_overlap(scene, diverges),
     )

@@ -56,7 +56,7 @@ _FLOORS = 8.0
 
 
 @honors(
-    "repulsion bonds interactions gravity walls held links shapes",
+    "repulsion kinds bonds interactions gravity walls held links shapes",
     at_rest=True,
     rough="pm.settle",
 )

@@ -49,6 +49,8 @@ from packmech.view import drawing
 from packmech.view.figures import COLORS, MARKERS, STYLE, matplotlib_parts, new_axes
 
 SIZE, SQUARE, SMALL = (5.6, 3.8), (6.4, 5.6), (2.6, 2.6)
+# kinds of particles that a legend lists, in as many colors
+_LISTED_KINDS = 10
 # colors of particles on a white ground: those that bear forces, rattlers, held ones, copies
 BEARING, RATTLER, HELD, EDGE = "#b7cbe0", "#f0d091", "#b4b4b4", "#5b6b7d"
 # what lies at the back of a packing in space is mixed with white up to this part
@@ -76,11 +78,11 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     ax
         Axes of matplotlib to draw on; new ones unless given.
     options
-        Of a packing: `forces=False`, `copies=False` and `color=` "role", "size" or (N,) numbers with `label=`. Of modes
-        and motions: `packing=`, `mode=`, `scale=`. Of moduli: `tangent=` "cauchy", "energy" or "affine". Of work and
-        precision: `over=` "time" or "setting". Others as above; `log=True` gives logarithmic axes, on which negative
-        moduli are empty marks at their size, and `label=` names a curve, so that several on the same axes differ in
-        color and have a legend.
+        Of a packing: `forces=False`, `copies=False` and `color=` "role", "size", "kind" or (N,) numbers with `label=`.
+        Of modes and motions: `packing=`, `mode=`, `scale=`. Of moduli: `tangent=` "cauchy", "energy" or "affine". Of
+        work and precision: `over=` "time" or "setting". Others as above; `log=True` gives logarithmic axes, on which
+        negative moduli are empty marks at their size, and `label=` names a curve, so that several on the same axes
+        differ in color and have a legend.
 
     Raises
     ------
@@ -256,9 +258,16 @@ def _fills(packing: Packing, effects: tuple[Any, ...], color: Any) -> tuple[NDAr
     """Return the (N, 3) colors of particles, and what a legend has to say of them."""
     parts, n = matplotlib_parts(), packing.particles
     if isinstance(color, str):
-        one_of("color", color, ("role", "size"))
+        one_of("color", color, ("role", "size", "kind"))
     if isinstance(color, str) and color == "role":
         return _role_fills(packing, effects, _rattlers(packing, effects))
+    if isinstance(color, str) and color == "kind":
+        kind_n = np.zeros(n, dtype=np.int64) if packing.kind_n is None else packing.kind_n
+        if packing.kinds <= _LISTED_KINDS:
+            hues = parts.colormaps["tab10"].colors
+            marks = [(f"kind {kind}", hues[kind]) for kind in np.unique(kind_n).tolist()]
+            return np.array(hues)[kind_n], {"marks": marks}
+        color = kind_n
     numbers = packing.radius_n if isinstance(color, str) else finite_array("color", color, shape=(n,))
     low, high = float(numbers.min()), float(numbers.max())
     share = (numbers - low) / ((high - low) or 1.0)
@@ -332,17 +341,18 @@ def _legend(ax: Any, shown: Mapping[str, Any], links: bool) -> None:
     """Say below the packing what its colors mean."""
     parts = matplotlib_parts()
     names = ("backbone" if "contacts" in shown else "bears force", "rattler", "held")
+    roles = zip(names, (BEARING, RATTLER, HELD), shown.get("roles", ()), strict=False)
+    named = [*shown.get("marks", ()), *((name, fill) for name, fill, there in roles if there)]
     marks = [
         parts.Line2D([], [], marker="o", linestyle="none", markersize=8, color=fill, markeredgecolor=EDGE, label=name)
-        for name, fill, there in zip(names, (BEARING, RATTLER, HELD), shown.get("roles", ()), strict=False)
-        if there
+        for name, fill in named
     ]
     if shown.get("contacts"):
         marks.append(parts.Line2D([], [], color="#404040", linewidth=0.8, label="contact"))
     if links:
         marks.append(parts.Line2D([], [], color="#2b7a4b", linewidth=2.0, label="link"))
     if marks:
-        place = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": len(marks)}
+        place = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": min(len(marks), 5)}
         ax.legend(handles=marks, frameon=False, **place)
 
 

@@ -47,7 +47,7 @@ def _reshaped(packing: Packing, aspect: float, beads: int | None, rng: np.random
     return beads_of([body_of(row.position_bd, row.radius_b)] * count, orientation)
 
 
-@honors("repulsion shapes", at_rest=True)
+@honors("repulsion kinds shapes", at_rest=True)
 def anneal_shape(
     scene: Scene,
     aspects: Iterable[float],
@@ -172,7 +172,7 @@ def kicked(packing: Packing, amplitude: float, rng: np.random.Generator) -> Pack
     return packing.replace(position_nd=position, shapes=shapes, tangential=None)
 
 
-@honors("repulsion shapes", at_rest=True)
+@honors("repulsion kinds shapes", at_rest=True)
 def tap(
     scene: Scene,
     amplitude: float,

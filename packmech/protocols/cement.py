@@ -566,7 +566,7 @@ def _inverse(compliance: float) -> float:
 
 
 @shown_as("cementing")
-@honors("repulsion links", at_rest=True)
+@honors("repulsion kinds links", at_rest=True)
 def cement(
     scene: Scene,
     *,

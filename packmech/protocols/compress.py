@@ -39,7 +39,7 @@ _FIRST = 1e-7
 _LENGTHS = StepLengths(math.log(2.0), math.log(2.0), growth=2.0, shortest=math.log(1.05))
 
 
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion kinds links shapes", at_rest=True)
 def compress(
     scene: Scene,
     distances: Iterable[float],

@@ -52,7 +52,7 @@ class Decompression(JamMethod):
 
     """
 
-    honors = {"isotropic": "links shapes", "free": "links shapes"}
+    honors = {"isotropic": "links shapes kinds", "free": "links shapes kinds"}
 
     start_packing_fraction: float | None = None
     stop_pressure: float = 1e-4
@@ -117,7 +117,7 @@ class StepHalving(JamMethod):
 
     """
 
-    honors = {"isotropic": "links shapes", "free": ""}
+    honors = {"isotropic": "links shapes kinds", "free": "kinds"}
     ends_at = "an energy"
 
     start_packing_fraction: float | None = None

@@ -316,7 +316,7 @@ def _judged(run: Deformation) -> Deformation:
     return replace(run, outcome=Outcome.NOT_AT_PRESSURE, unmet=unmet) if unmet else run
 
 
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion kinds links shapes", at_rest=True)
 def deform(
     scene: Scene,
     *,
@@ -485,7 +485,7 @@ class _AtRest:
         return _judged(run) if outcome is Outcome.FINISHED else run
 
 
-@honors("repulsion damping friction rolling bonds interactions drag noise shapes")
+@honors("repulsion kinds damping friction rolling bonds interactions drag noise shapes")
 def deform_at_rate(
     scene: Scene,
     *,

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import integer, positive, real
@@ -118,6 +117,8 @@ class HardVertex(JamMethod):
 
     """
 
+    honors = {"isotropic": "kinds", "free": "kinds"}
+
     start_packing_fraction: float | None = None
     stop_pressure: float | None = None
     quench_tolerance: float = 1e-3
@@ -199,16 +200,16 @@ def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int
             )
             figures.residual, figures.steps = state.barrier, state.iterations - before.iterations
             figures.note = f"interior point, {figures.steps} factorizations; residual is the barrier"
-            protocol.last = protocol.restored(Packing(state.position_nd, reduced.radius_n, Box(state.lattice_dd)))
+            protocol.last = protocol.restored(reduced.replace(position_nd=state.position_nd, box=Box(state.lattice_dd)))
         return state
 
     def accept(state: HardState) -> HardPacking | None:
-        return certified(protocol, state, reduced.radius_n)
+        return certified(protocol, state, reduced)
 
-    return search_hard(state, reduced.radius_n, basis, iteration_limit, approach=approach, accept=accept)[0]
+    return search_hard(state, reduced, basis, iteration_limit, approach=approach, accept=accept)[0]
 
 
-def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64]) -> HardPacking | None:
+def certified(protocol: Protocol, state: HardState, like: Packing) -> HardPacking | None:
     """Return the exact hard packing that a search has come close to, at a saddle perhaps; None where there is none.
 
     Parameters
@@ -217,12 +218,12 @@ def certified(protocol: Protocol, state: HardState, radius_n: NDArray[np.float64
         The protocol; a stage is added to it, and the figures of the hard packing to its report.
     state
         The end of a search.
-    radius_n
-        (N,) radii in the state's units.
+    like
+        A packing of these particles, in the state's units.
 
     """
     with protocol.stage("certificate") as figures:
-        hard, reason = certify(state, radius_n, protocol.basis_kdd)
+        hard, reason = certify(state, like, protocol.basis_kdd)
         if hard is not None:
             figures.residual = hard.force_imbalance
             figures.note = f"{len(hard.contacts)} contacts, {hard.excess} more than needed for one state of self stress"

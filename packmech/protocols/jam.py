@@ -25,7 +25,7 @@ _PRESSURE = 1e-8
 # methods that ship, and what they honor; one of a user's may honor more
 _SHIPPED: tuple[type[JamMethod], ...] = (HardVertex, ProgramChain, Decompression, Press, StepHalving)
 _HONORED = declare(
-    "jam", "repulsion friction rolling links shapes", at_rest=True
+    "jam", "repulsion kinds friction rolling links shapes", at_rest=True
 )  # fmt: skip
 # where a method that does not know both strains works, in words
 _WHERE = {"isotropic": "in a box of fixed shape", "free": "with free strains"}

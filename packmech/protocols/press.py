@@ -73,7 +73,7 @@ class Press(JamMethod):
 
     """
 
-    honors = {"isotropic": "friction rolling links shapes", "free": "friction rolling links shapes"}
+    honors = {"isotropic": "friction rolling links shapes kinds", "free": "friction rolling links shapes kinds"}
 
     rate: float = 1e-4
     drag: float = 0.1

@@ -46,6 +46,8 @@ class ProgramChain(JamMethod):
 
     """
 
+    honors = {"isotropic": "kinds", "free": "kinds"}
+
     start_packing_fraction: float | None = None
     stop_pressure: float = 1e-3
     quench_tolerance: float = 3e-3
@@ -82,12 +84,12 @@ class ProgramChain(JamMethod):
                 figures.note = (
                     f"{solution.solve.status}; trust radius {radius:.1e}, largest step of the backbone {step:.1e}"
                 )
-                reduced = Packing(state.position_nd, reduced.radius_n, Box(state.lattice_dd))
+                reduced = reduced.replace(position_nd=state.position_nd, box=Box(state.lattice_dd))
                 protocol.last = protocol.restored(reduced)
             protocol.loop.report("linear program", number=number, step=step)
             bounded = step > 0.95 * radius
             if step < 3e-3 and not bounded:
-                hard = certified(protocol, state, reduced.radius_n)
+                hard = certified(protocol, state, reduced)
                 if hard is not None and not hard.floppy_modes:
                     return hard
                 if hard is not None:

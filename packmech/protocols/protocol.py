@@ -20,7 +20,8 @@ from packmech.contacts import Contacts
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.rattlers import rattlers_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import equal_partners, law_first, law_of, refuse_unknown_to_shapes
+from packmech.effects import law_first, law_of, refuse_unknown_to_shapes
+from packmech.effects.kinds import reference_partners
 from packmech.jit.blas import single_thread
 from packmech.jit.compiled import compile_clock, compiling_noted
 from packmech.linalg.mandel import mandel_basis, strain_directions
@@ -687,7 +688,9 @@ def check_reachable(scene: Scene, name: str, pressure: float) -> None:
         return
     sigma, d = scene.packing.reference_diameter, scene.packing.dimension
     # 2 d contacts of half the contact distance each, as many particles as the volume holds then
-    half = -float(law_first(law, 0.5 * sigma, equal_partners(sigma))) * 0.5 * sigma * 2.0**d / scene.energy_scale
+    pairs = reference_partners(scene.effects, scene.packing)
+    push = max(-float(law_first(law, 0.5 * sigma, pair)) for pair in pairs)
+    half = push * 0.5 * sigma * 2.0**d / scene.energy_scale
     if 0.0 < _BEYOND * half < pressure:
         raise ValueError(
             f"{name} must be at most {_BEYOND * half:.3g} under {law}, {_BEYOND:g} times what overlaps of half the "

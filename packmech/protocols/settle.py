@@ -35,7 +35,7 @@ _LITTLE = 1e-3
 _STRETCH, _STEADY = 100, 0.1
 
 
-@honors("repulsion friction rolling gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True)
 def settle(
     scene: Scene,
     *,

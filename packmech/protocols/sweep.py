@@ -23,7 +23,7 @@ from packmech.scene import Scene
 _SYMMETRIC = 1e-9
 
 
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion kinds links shapes", at_rest=True)
 def sweep_pressure(
     scene: Scene,
     pressures: Iterable[float],
@@ -97,7 +97,7 @@ def sweep_pressure(
     return follow_series(protocol, goals, PressurePath(protocol).go, "sweep_pressure", pressures=True)
 
 
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion kinds links shapes", at_rest=True)
 def sweep_stress(
     scene: Scene,
     stresses: ArrayLike,

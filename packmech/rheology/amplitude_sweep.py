@@ -76,7 +76,7 @@ def check_amplitudes(amplitudes: Any) -> list[float]:
 
 
 @listed(Several)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
+@honors("repulsion kinds damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def amplitude_sweep(
     scene: Scene,
     *,

@@ -175,7 +175,7 @@ class PressureShear(Run):
         ]
 
 
-@honors("repulsion damping friction rolling bonds interactions drag noise shapes")
+@honors("repulsion kinds damping friction rolling bonds interactions drag noise shapes")
 def shear_at_pressure(
     scene: Scene,
     *,

@@ -80,7 +80,7 @@ class Equilibration(Run):
 
 
 @listed(AtRest)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag shapes")
+@honors("repulsion kinds damping friction rolling bonds interactions gravity walls drag shapes")
 def equilibrate(
     scene: Scene,
     *,

@@ -14,6 +14,7 @@ from packmech.check import instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import bonds_of, equal_partners, is_bound, law_second, pair_second
+from packmech.effects.kinds import reference_partners
 from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
@@ -226,6 +227,8 @@ class OscillatoryShear(StrainRun):
 def characteristic_time(scene: Scene) -> float:
     """Return tau = sqrt(mean mass / k) [time], k the normal stiffness of a contact (or a bond) that just closes.
 
+    Where contacts differ by kinds of particles k is that of the stiffest.
+
     The time scale of particleShear (Braschler, 2021): the mean mass is that of one size with the same packing
     fraction.
 
@@ -238,7 +241,10 @@ def characteristic_time(scene: Scene) -> float:
     pair = equal_partners(scene.packing.reference_diameter)
     close = (1.0 - _TOUCH) * pair.contact_distance
     bonds, pairs = bonds_of(scene.effects), [one for one in scene.effects if not is_bound(one)]
-    stiffness = abs(sum(pair_second(one, close, pair) for one in pairs))
+    stiffness = max(
+        abs(sum(pair_second(one, close, each) for one in pairs))
+        for each in reference_partners(scene.effects, scene.packing)
+    )
     if stiffness == 0.0 and bonds is not None:
         stiffness = abs(law_second(bonds.compression, close, pair))
     if not stiffness > 0.0:
@@ -258,7 +264,7 @@ def frequency_of(settings: StrainSettings, frequency: float | None, relative_fre
 
 
 @listed(Common)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
+@honors("repulsion kinds damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def oscillatory_shear(
     scene: Scene,
     *,

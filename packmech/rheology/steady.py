@@ -57,7 +57,7 @@ _REPORT = 100
 
 
 @listed(Common)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
+@honors("repulsion kinds damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def ramp_strain(
     scene: Scene,
     *,
@@ -265,7 +265,7 @@ class FlowCurve(SeveralRuns):
 
 
 @listed(Several)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
+@honors("repulsion kinds damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def steady_shear(
     scene: Scene,
     *,
@@ -425,7 +425,7 @@ class Creep(StrainRun):
 
 
 @listed(Common)
-@honors("repulsion damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
+@honors("repulsion kinds damping friction rolling bonds interactions gravity walls drag noise shapes breaking")
 def creep(
     scene: Scene,
     *,

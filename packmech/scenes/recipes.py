@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -38,6 +38,7 @@ from packmech.generate import (
     StarCluster,
     Trimer,
     Uniform,
+    assign_kinds,
     chain_packing,
     cluster_packing,
     cut_fragments,
@@ -101,9 +102,11 @@ def packing_kind(recipe: P) -> P:
     return recipe
 
 
-def is_random(kind: Any) -> bool:
-    """Whether another seed changes the packing of this kind."""
-    return kind in PACKINGS and "seed" in inspect.signature(PACKINGS[kind]).parameters
+def is_random(tables: Mapping[str, Any]) -> bool:
+    """Whether another seed changes the packing of a scene's tables: its start, or its kinds of particles, are drawn."""
+    packing, drawn = (found if isinstance(found, Mapping) else {} for found in map(tables.get, ("packing", "kinds")))
+    kind = packing.get("kind")
+    return "seed" in drawn or (kind in PACKINGS and "seed" in inspect.signature(PACKINGS[kind]).parameters)
 
 
 # fields of generators that a table holds in other types than the function takes
@@ -235,6 +238,7 @@ def _inline(
     link_lengths: tuple[float, ...] | None = None,
     link_shapes: tuple[bool, ...] | None = None,
     masses: tuple[float, ...] | None = None,
+    kinds: tuple[int, ...] | None = None,
     density: float | None = None,
     aspects: tuple[float, ...] | None = None,
     directors: Vectors | None = None,
@@ -282,7 +286,8 @@ def _inline(
         raise ValueError("directors must be given with aspects, got nothing")
     else:
         shapes = Spheroids(np.array(aspects), _rows("directors", directors))
-    packing = Packing(_rows("positions", positions), np.array(radii), box, links, masses, shapes=shapes)
+    kind_n = None if kinds is None else np.array(kinds)
+    packing = Packing(_rows("positions", positions), np.array(radii), box, links, masses, shapes=shapes, kind_n=kind_n)
     if density is None:
         return packing
     return packing.replace(mass_n=masses_of_density(density, packing.radius_n, packing.dimension))
@@ -295,6 +300,7 @@ FIELD_OF = {
     "position_nd": "positions",
     "radius_n": "radii",
     "mass_n": "masses",
+    "kind_n": "kinds",
     "aspect_n": "aspects",
     "director_nd": "directors",
     "shapes": "directors",
@@ -326,6 +332,8 @@ def inline_table(packing: Packing) -> dict[str, Any]:
     }
     if packing.given_mass_n is not None:
         table["masses"] = packing.given_mass_n.tolist()
+    if packing.kind_n is not None and packing.kinds > 1:
+        table["kinds"] = packing.kind_n.tolist()
     table |= {FIELD_OF[name]: array.tolist() for name, array in packing.shapes.arrays().items()}
     links = packing.links
     if len(links):
@@ -334,6 +342,28 @@ def inline_table(packing: Packing) -> dict[str, Any]:
         table["link_lengths"] = links.length_l.tolist()
         table["link_shapes"] = links.shape_l.tolist()
     return table
+
+
+def kinds_of_particles(
+    packing: Packing, shares: tuple[float, ...] | None = None, by: str | None = None, seed: int | None = None
+) -> Packing:
+    """Return the packing with kinds of particles, drawn with given shares or by size: `pm.assign_kinds`.
+
+    Parameters
+    ----------
+    packing
+        The packing that the file says, all of one kind.
+    shares
+        Share of the particles of kind 0, 1, and so on; they are divided by their sum, and numbers are exact [1].
+    by
+        "size" in place of shares: kind 0 are the smallest particles.
+    seed
+        Of the shares: the same seed gives the same kinds. `--seed` draws others.
+
+    """
+    if packing.kinds > 1:
+        raise ValueError(f"packing must be of one kind of particles in a scene with kinds, got {packing.kinds}")
+    return assign_kinds(packing, shares, by=by, seed=seed)
 
 
 # the record that may stand in a field of bonds

@@ -16,7 +16,7 @@ from packmech.effects import registered_effects, registered_laws
 from packmech.effects.materials import Material
 from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
-from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds
+from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds, kinds_of_particles
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
@@ -32,7 +32,12 @@ _IN_FILES = {
     "cubic unless given), and the packing fraction its size.",
     "positions": "Centers, one in a line [length].",
     "radii": "Of all particles [length].",
+    "kinds": "Of the particles, whole numbers from 0.",
 }
+
+
+# parameters of `kinds_of_particles` that are no fields
+_OF_KINDS = ("packing",)
 
 
 class Field(NamedTuple):
@@ -145,9 +150,13 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
     lines += ["", "[packing]"]
     lines += _table_lines(tables["packing"], PACKINGS, NESTED | nested, ("folder",))
-    if "material" in tables:
-        lines += ["", "[material]", *_comment(first_sentence(Material))]
-        lines += _field_lines(tables["material"], Material, {}, ())
+    if "kinds" in tables:
+        lines += ["", "[kinds]", *_comment(first_sentence(kinds_of_particles))]
+        lines += _field_lines(tables["kinds"], kinds_of_particles, {}, _OF_KINDS)
+    materials = tables.get("material", [])
+    for one in materials if isinstance(materials, list) else [materials]:
+        title = "[[material]]" if isinstance(materials, list) else "[material]"
+        lines += ["", title, *_comment(first_sentence(Material)), *_field_lines(one, Material, {}, ())]
     acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
     for one in tables.get("effects", ()):
         lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS, ("packing",))]
@@ -204,6 +213,8 @@ def scene_reference() -> str:
         parts.append(f"## `{title}`")
         for name, maker in kinds.items():
             parts += _kind_text(name, maker, nested, given, "###")
+        if kinds is PACKINGS:
+            parts += ["## `[kinds]`", *_kind_text("", kinds_of_particles, {}, _OF_KINDS, "")[1:]]
         shown |= {field: found for field, found in nested.items() if field not in shown and found}
     for field, kinds in shown.items():
         if field in ("compression", "tension"):

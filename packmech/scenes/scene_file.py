@@ -12,6 +12,10 @@ A scene file looks like this; `kind` names a class of the package in lower case 
     seed = 1
     sizes = { kind = "bidisperse", ratio = 1.4, fraction = "50:50" }
 
+    [kinds]                             # optional: kinds of particles, or by = "size"
+    shares = [0.7, 0.3]
+    seed = 1
+
     [[effects]]
     kind = "repulsion"
     law = { kind = "harmonic", energy_scale = 1.0 }
@@ -45,7 +49,11 @@ packing may have links: `link_pairs` of particles and `link_lengths`, with `link
 `link_shapes` where some hold a shape. `prepared` takes the arguments of a random packing, and a `side` or
 `lattice_vectors` of a box to be filled; it is at its energy minimum under the scene's repulsion. Each of these
 packings takes a `density`, mass over area, or over volume in space, of every particle, which is 1 unless given; an
-inline one may have `masses` instead.
+inline one may have `masses` instead. It may also have `kinds` of its particles, numbers from 0; in other packings a
+table `[kinds]` assigns them, with the arguments of `pm.assign_kinds`. In place of `[material]` there may be a table
+`[[material]]` for each kind, of whose densities the masses are then; walls name what they do themselves beside these.
+Numbers that differ by kinds are tables, `coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }`, and so are laws,
+`kind = "law-by-kind"` with `laws`: rows of a symmetric square, or one for each pair (0, 0), (1, 0), (1, 1), ...
 
 Bonds are effects, too: `kind = "bonds"` and `of = "contacts"`, with the arguments of `pm.bond_contacts` and, with a
 `seed`, those of `pm.cut_fragments`; or written out with `pairs` of particles, `rest_lengths` and `images`.
@@ -71,8 +79,10 @@ import tomli_w
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
 from packmech.effects import (
+    BY_KIND,
     ROUGHNESS,
     Bonds,
+    ByKind,
     DampingRatio,
     Mindlin,
     Walls,
@@ -81,7 +91,7 @@ from packmech.effects import (
     registered_effects,
     registered_laws,
 )
-from packmech.effects.materials import Material
+from packmech.effects.materials import Material, Materials
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
     Errors,
@@ -105,11 +115,12 @@ from packmech.scenes.recipes import (
     bonds_table,
     inline_table,
     is_random,
+    kinds_of_particles,
 )
 
 # fields of walls that a material gives
 _OF_MATERIAL = ("law", "damping", "friction")
-_TOP = ("description", "packing", "material", "effects", "drive")
+_TOP = ("description", "packing", "kinds", "material", "effects", "drive")
 
 
 @clear_errors
@@ -245,7 +256,7 @@ def changed_tables(
             _change(own, path, value)
     errors.check()
     if seed is not None:
-        _reseed(own, integer("seed", seed, at_least=0))
+        _reseed(own, integer("seed", seed, at_least=0), changes or {})
     return own
 
 
@@ -296,12 +307,16 @@ def _entry(place: Any, part: str) -> Any:
     return found[0] if len(found) == 1 else None
 
 
-def _reseed(tables: dict[str, Any], seed: int) -> None:
-    packing = tables.get("packing")
-    kind = packing.get("kind") if isinstance(packing, dict) else None
-    if not isinstance(packing, dict) or not is_random(kind):
+def _reseed(tables: dict[str, Any], seed: int, changes: Mapping[str, Any]) -> None:
+    """Set another seed of whatever is drawn, but for a seed of the kinds that is given beside it."""
+    packing, assigned = tables.get("packing"), tables.get("kinds")
+    if not isinstance(packing, dict) or not is_random(tables):
+        kind = packing.get("kind") if isinstance(packing, dict) else None
         raise ValueError(f"seed must be left out for a packing that is not random, got {seed} for kind {kind!r}")
-    packing["seed"] = seed
+    if is_random({"packing": packing}):
+        packing["seed"] = seed
+    if is_random({"kinds": assigned}) and "kinds.seed" not in changes:
+        tables["kinds"]["seed"] = seed
     effects = tables.get("effects")
     for table in effects if isinstance(effects, list) else []:
         # cuts are drawn again with the packing
@@ -332,7 +347,8 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
     dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
     nested: dict[str, Kinds] = {
-        **dict.fromkeys(("law", "compression", "tension"), laws),
+        **dict.fromkeys(("law", "laws", "compression", "tension"), laws),
+        **dict.fromkeys({name for names in BY_KIND.values() for name in names}, kinds_of((ByKind,))),
         "damping": dashpots,
         "stiffness": kinds_of((Mindlin,)),
         # of walls
@@ -363,6 +379,13 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         recipe, fields = read_fields(
             tables["packing"], "packing", OpenKinds(PACKINGS, "pm.packing_kind"), NESTED | nested, given=("folder",)
         )
+    assigned = None
+    with errors.kept():
+        if "kinds" in tables:
+            maker, table = kinds_of_particles, tables["kinds"]
+            if not isinstance(table, dict) or "kind" in table:
+                raise TypeError(f"kinds must be a table of shares and a seed, or of by, without a kind, got {table!r}")
+            assigned = read_fields(table, "kinds", {kind_of(maker): maker}, given=("packing",))[1]
     errors.check()
     known = inspect.signature(recipe).parameters
     if "folder" in known:
@@ -371,13 +394,20 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         if material is not None:
             raise ValueError("packing.law must be given beside a material, whose law is known once the packing is")
         fields["law"] = law_of(tuple(effects))
-    if material is not None and "density" in known:
+    if isinstance(material, Material) and "density" in known:
         fields.setdefault("density", material.density)
     packing = make(recipe, fields, "packing", FIELD_OF)
+    if assigned is not None:
+        packing = make(kinds_of_particles, assigned | {"packing": packing}, "kinds")
     for k, values in bonded.items():
         effects[k] = make(bonds, values | {"packing": packing}, f"effects[{k}]", FIELD_OF)
+    if isinstance(material, Materials) and packing.given_mass_n is None:
+        packing = packing.replace(mass_n=make(material.masses, {"packing": packing}, "material"))
     if material is not None:
         for k, given in walls.items():
+            if isinstance(material, Materials):
+                _refuse_open_walls(f"effects[{k}]", given)
+                continue
             # what a table of walls leaves open is the material's
             one = effects[k]
             place = {"packing": packing, "axis": one.axis, "low": one.low, "high": one.high}
@@ -387,11 +417,24 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     return Scene(packing, tuple(effects), drive)
 
 
-def _material(table: Any) -> Material:
+def _refuse_open_walls(where: str, given: set[str]) -> None:
+    """Refuse walls that leave to the material what they do, where there are several."""
+    for name in _OF_MATERIAL:
+        if name not in given:
+            raise ValueError(f"{where}.{name} must be given for walls beside several materials, got nothing")
+
+
+def _material(table: Any) -> Material | Materials:
+    if isinstance(table, list):
+        return Materials(tuple(_material_of(one, f"material[{k}]") for k, one in enumerate(table)))
+    return _material_of(table, "material")
+
+
+def _material_of(table: Any, where: str) -> Material:
     if isinstance(table, dict) and "kind" in table:
-        raise ValueError(f"material.kind must be left out, got {table['kind']!r}")
+        raise ValueError(f"{where}.kind must be left out, got {table['kind']!r}")
     named = table | {"kind": kind_of(Material)} if isinstance(table, dict) else table
-    made: Material = from_table(named, "material", kinds_of((Material,)))
+    made: Material = from_table(named, where, kinds_of((Material,)))
     return made
 
 

@@ -226,9 +226,10 @@ def particle_colors(
     rattler_n: NDArray[np.bool_] | None = None,
     held_n: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.uint8]:
-    """Return (N, 3) colors: by size between two blues; rigid bodies, linked or bonded clusters in hues of their own.
+    """Return (N, 3) colors: by kind where there are several, else by size between two blues.
 
-    Particles that are held are gray, rattlers amber.
+    Of one kind, rigid bodies, linked or bonded clusters have hues of their own. Particles that are held are gray,
+    rattlers amber.
     """
     span = float(np.ptp(packing.radius_n))
     share_n = (packing.radius_n - packing.radius_n.min()) / span if span > 0 else np.ones_like(packing.radius_n)
@@ -236,7 +237,9 @@ def particle_colors(
     hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_of(tuple(effects))
     joined = np.flatnonzero(np.diff(packing.shapes.start_n) > 1)
     color_nc[joined] = hues[np.arange(len(joined)) % len(hues)]
-    if len(links):
+    if packing.kind_n is not None and packing.kinds > 1:
+        color_nc = hues[packing.kind_n % len(hues)]
+    elif len(links):
         linked = np.union1d(links.i_l, links.j_l)
         color_nc[linked] = hues[number_by_first(links.clusters(packing.particles)[linked]) % len(CLUSTERS)]
     elif bonds is not None:

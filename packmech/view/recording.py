@@ -211,6 +211,8 @@ class World:
             radii = None if width is None else width * packing.reference_diameter
             stream.log(f"world/{name}", kind.from_fields(radii=radii, colors=color), static=True)
         stream.log("state/radius", rr.AnyValues(radius_n=packing.radius_n), static=True)
+        if packing.kinds > 1:
+            stream.log("state/kind", rr.AnyValues(kind_n=packing.kind_n), static=True)
         kind = type(packing.shapes)
         turning = TURNING[kind].values()
         # rows one after the other: columns of this kind are flat

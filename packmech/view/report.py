@@ -330,6 +330,7 @@ def _counts(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
         "particles": packing.particles,
         "dimension": packing.dimension,
         **_sizes(packing),
+        **_kinds(packing),
         "packing_fraction": packing_fraction(packing),
         "pressure": pressure(scene) / unit + 0.0,  # no minus zero
         "pressure_unit": unit,
@@ -372,6 +373,13 @@ def _sizes(packing: Packing) -> dict[str, Any]:
     diameter, count = np.unique(2.0 * packing.radius_n, return_counts=True)
     listed = list(zip(diameter.tolist(), count.tolist(), strict=True)) if len(diameter) <= _FEW else []
     return {"diameter_min": float(diameter[0]), "diameter_max": float(diameter[-1]), "diameters": listed}
+
+
+def _kinds(packing: Packing) -> dict[str, Any]:
+    """Return how many particles are of each kind, where there are several."""
+    if packing.kind_n is None or packing.kinds == 1:
+        return {}
+    return {"kinds": np.bincount(packing.kind_n).tolist()}
 
 
 def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
@@ -607,6 +615,7 @@ def result_rows(numbers: Mapping[str, Any], missing: Mapping[str, str]) -> list[
         rows.append(onset_row(*numbers["onset_between"]))
     rows += [
         *_sizes_row(numbers),
+        *_kinds_row(numbers),
         ("packing fraction", f"{numbers['packing_fraction']:.8f}", "as it stands, rattlers included"),
         *_deep_row(numbers),
         ("pressure", f"{numbers['pressure']:.6g}", unit),
@@ -655,6 +664,14 @@ def _sizes_row(numbers: Mapping[str, Any]) -> list[Row]:
     if not words:
         words, note = f"{numbers['diameter_min']:.4g} to {numbers['diameter_max']:.4g}", "diameters"
     return [("sizes", words, f"{note} [length]")]
+
+
+def _kinds_row(numbers: Mapping[str, Any]) -> list[Row]:
+    """Return how many particles are of each kind, where there are several."""
+    if "kinds" not in numbers:
+        return []
+    words = ", ".join(f"{count} of {kind}" for kind, count in enumerate(numbers["kinds"]) if count)
+    return [("kinds", words, "particles of a kind")]
 
 
 def _deep_row(numbers: Mapping[str, Any]) -> list[Row]:

@@ -47,8 +47,8 @@ def test_of_one_size_they_are_hertz_contacts():
 
 
 def test_the_effective_radius_is_that_of_the_two_curvatures_and_of_a_plane_that_of_the_sphere():
-    assert partners_of(0.3, 0.7).effective_radius == pytest.approx(1.0 / (1.0 / 0.3 + 1.0 / 0.7), rel=1e-15)
-    assert partners_of(0.3, 1e12).effective_radius == pytest.approx(0.3, rel=1e-11)
+    assert partners_of(0.3, 0.7, 0).effective_radius == pytest.approx(1.0 / (1.0 / 0.3 + 1.0 / 0.7), rel=1e-15)
+    assert partners_of(0.3, 1e12, 0).effective_radius == pytest.approx(0.3, rel=1e-11)
 
 
 def test_forces_are_those_of_two_loops_by_every_way(start):

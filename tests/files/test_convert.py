@@ -161,3 +161,22 @@ def test_a_package_that_is_missing_is_named_with_what_to_install(monkeypatch, tm
             ImportError, match=rf"find the package {package}; pip install 'packmech\[formats\]' brings it"
         ):
             call(discs())
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_kinds_go_to_other_programs_and_back(dimension):
+    packing = pm.random_packing(20, dimension=dimension, packing_fraction=0.5, seed=1)
+    packing = pm.assign_kinds(packing, (1, 2), seed=1)
+    atoms = pm.to_ase(packing)
+    assert atoms.arrays["kind"].tolist() == packing.kind_n.tolist()
+    assert pm.from_ase(atoms).packing == packing
+    assert pm.from_hoomd(pm.to_hoomd(packing)).packing == packing
+    forces = pm.contact_forces(pm.Scene(packing, (pm.Repulsion(),)))
+    assert [kind for _, kind in pm.to_networkx(forces).nodes(data="kind")] == packing.kind_n.tolist()
+
+
+def test_a_field_of_ase_that_would_be_taken_for_the_packings_own_is_refused():
+    packing = pm.lattice_packing("square", repeats=(2, 2))
+    for name in ("radius", "kind"):
+        with pytest.raises(ValueError, match=f"packing must have no fields {name} for pm.to_ase"):
+            pm.to_ase(pm.Snapshot(packing, {name: np.arange(4)}))

@@ -300,6 +300,22 @@ def test_ovito_sees_positions_radii_box_and_velocities(tmp_path, ending, dimensi
     np.testing.assert_allclose(seen_velocity, velocity, rtol=rounding, atol=rounding)
 
 
+@pytest.mark.parametrize("ending", [".dump", ".extxyz", ".data", ".gsd"])
+def test_ovito_sees_kinds(tmp_path, ending):
+    io = pytest.importorskip("ovito.io")
+    packing = pm.assign_kinds(discs(), (1, 2, 3), seed=1)
+    pm.write_packing(packing, tmp_path / f"a{ending}")
+    particles = io.import_file(str(tmp_path / f"a{ending}")).compute().particles
+    types = particles.particle_types
+    if ending == ".extxyz":
+        kind_n = np.asarray(particles["kind"])
+    elif ending == ".gsd":
+        kind_n = np.array([int(types.type_by_id(one).name[len("kind")]) for one in np.asarray(types)])
+    else:
+        kind_n = np.asarray(types) - 1
+    assert kind_n.tolist() == packing.kind_n.tolist()
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("ending", [".dump", ".extxyz", ".gsd"])
 def test_ovito_sees_ellipsoids_as_they_are_turned(tmp_path, ending, dimension):
@@ -487,6 +503,19 @@ def test_a_data_file_of_a_square_box_is_dumped_by_lammps_to_the_last_bit(tmp_pat
     assert pm.read_packing(tmp_path / "a.dump") == packing
     with pytest.warns(UserWarning, match="section Pair Coeffs"):
         assert pm.read_packing(tmp_path / "b.data") == packing
+
+
+@pytest.mark.slow
+def test_lammps_takes_kinds_for_its_types_of_atoms(tmp_path):
+    packing = pm.random_packing(50, dimension=2, packing_fraction=0.6, seed=1).wrapped()
+    packing = pm.assign_kinds(packing, (1, 2, 3), seed=1)
+    pm.write_packing(packing, tmp_path / "a.data")
+    peer = lammps()
+    peer.commands_string(f"units lj\ndimension 2\natom_style sphere\nread_data {tmp_path / 'a.data'}")
+    types = np.array(peer.numpy.extract_atom("type")[:50]).ravel()
+    number = np.array(peer.numpy.extract_atom("id")[:50]).ravel()
+    peer.close()
+    assert (types[np.argsort(number)] - 1).tolist() == packing.kind_n.tolist()
 
 
 def test_types_that_are_not_numbered_by_size_are_named_and_kept_by_a_snapshot(tmp_path):

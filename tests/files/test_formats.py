@@ -1,5 +1,6 @@
 """Facts about every file format: what it keeps comes back to the last bit, and what it does not keep is refused."""
 
+import re
 import warnings
 
 import numpy as np
@@ -54,6 +55,140 @@ def test_masses_of_a_lammps_data_file_come_back_by_way_of_densities(tmp_path):
     assert found.replace(mass_n=None) == packing.replace(mass_n=None)
     np.testing.assert_allclose(found.mass_n, packing.mass_n, rtol=3e-16, atol=0.0)
     assert (found.mass_n == packing.mass_n).mean() > 0.7
+
+
+def of_kinds(packing, seed=11):
+    """Return the packing with kinds among 0 to 63, some of which no particle has."""
+    return packing.replace(kind_n=np.random.default_rng(seed).choice([0, 1, 5, 63], packing.particles))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("ending", [one for one in ENDINGS if one != ".txt"])
+@pytest.mark.parametrize("sizes", ["few", "many"])
+def test_kinds_come_back_exactly_and_without_a_word(tmp_path, ending, dimension, sizes):
+    packing = of_kinds(discs(dimension))
+    if sizes == "many":
+        packing = packing.replace(radius_n=np.linspace(0.3, 0.7, 23))
+    pm.write_packing(packing, tmp_path / f"a{ending}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = pm.read_packing(tmp_path / f"a{ending}")
+    assert found == packing and found.kind_n.tolist() == packing.kind_n.tolist()
+    # and of what was read a file is written again
+    (again,) = pm.read_trajectory(tmp_path / f"a{ending}")
+    pm.write_packing(again, tmp_path / f"b{ending}")
+    assert pm.read_packing(tmp_path / f"b{ending}") == packing
+
+
+@pytest.mark.parametrize("ending", [".csv", ".dump", ".extxyz", ".gsd", ".npz", ".vtp"])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_kinds_of_spheroids_with_masses_and_fields_come_back(tmp_path, ending, dimension):
+    rng = np.random.default_rng(3)
+    shapes = pm.Spheroids(rng.choice([0.7, 1.5], 23), rng.normal(size=(23, dimension)))
+    packing = of_kinds(discs(dimension, masses=True)).replace(shapes=shapes)
+    snapshot = pm.Snapshot(packing, fields(dimension), step=5)
+    pm.write_packing(snapshot, tmp_path / f"a{ending}")
+    (found,) = pm.read_trajectory(tmp_path / f"a{ending}")
+    assert found.packing == packing and found.fields.keys() - {"type"} == snapshot.fields.keys()
+
+
+@pytest.mark.parametrize("ending", [".npz", ".gsd", ".vtp"])
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_kinds_of_rigid_bodies_come_back(tmp_path, ending, dimension):
+    packing = pm.random_packing(23, dimension=dimension, packing_fraction=0.4, seed=1, shapes=pm.Dimer())
+    packing = of_kinds(packing)
+    pm.write_packing(packing, tmp_path / f"a{ending}")
+    assert pm.read_packing(tmp_path / f"a{ending}") == packing
+
+
+@pytest.mark.parametrize("ending", TRAJECTORIES)
+def test_kinds_may_change_along_a_trajectory(tmp_path, ending):
+    frames = [of_kinds(discs(), seed) for seed in range(3)] + [discs()]
+    pm.write_trajectory(frames, tmp_path / f"a{ending}")
+    assert [one.packing for one in pm.read_trajectory(tmp_path / f"a{ending}")] == frames
+
+
+def test_a_plain_table_is_refused_where_there_are_several_kinds(tmp_path):
+    packing = of_kinds(discs())
+    with pytest.raises(
+        ValueError, match=r"must be of one kind of particles for .txt files \(only .npz, .*got 64 kinds"
+    ):
+        pm.write_packing(packing, tmp_path / "a.txt")
+    pm.write_packing(packing, tmp_path / "a.txt", drop=True)
+    assert pm.read_packing(tmp_path / "a.txt") == discs()
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_packing_of_one_kind_is_written_as_one_without_kinds(tmp_path, ending):
+    for name, packing in {"a": discs(), "b": discs().replace(kind_n=np.zeros(23, dtype=int))}.items():
+        pm.write_packing(packing, tmp_path / f"{name}{ending}")
+    assert (tmp_path / f"a{ending}").read_bytes() == (tmp_path / f"b{ending}").read_bytes()
+
+
+def test_only_an_npz_file_with_kinds_is_of_the_version_that_older_readers_refuse(tmp_path):
+    for packing, version in ((discs(), 1), (of_kinds(discs()), 9)):
+        pm.write_packing(packing, tmp_path / "a.npz")
+        assert np.load(tmp_path / "a.npz")["format_version"] == version
+
+
+def test_types_of_lammps_are_kinds_from_one(tmp_path):
+    packing = of_kinds(discs())
+    pm.write_packing(packing, tmp_path / "a.data")
+    lines = (tmp_path / "a.data").read_text().splitlines()
+    assert "types are kinds" in lines[0] and "64 atom types" in lines
+    first = lines.index("Atoms # sphere") + 2
+    assert [int(line.split()[1]) - 1 for line in lines[first : first + 23]] == packing.kind_n.tolist()
+    pm.write_packing(packing, tmp_path / "a.dump")
+    (found,) = pm.read_trajectory(tmp_path / "a.dump")
+    assert (found.fields["type"] - 1).tolist() == packing.kind_n.tolist()
+
+
+def test_a_field_of_types_beside_kinds_is_kept_by_a_dump_and_refused_by_a_data_file(tmp_path):
+    snapshot = pm.Snapshot(of_kinds(discs()), {"type": np.arange(1, 24)})
+    pm.write_packing(snapshot, tmp_path / "a.dump")
+    (found,) = pm.read_trajectory(tmp_path / "a.dump")
+    assert found.packing == snapshot.packing and found.fields["type"].tolist() == list(range(1, 24))
+    with pytest.raises(ValueError, match="packing must have no field type beside kinds of particles"):
+        pm.write_packing(snapshot, tmp_path / "a.data")
+    pm.write_packing(snapshot, tmp_path / "a.data", drop=True)
+    assert pm.read_packing(tmp_path / "a.data") == snapshot.packing
+
+
+def test_types_beyond_kinds_in_a_file_of_kinds_are_refused(tmp_path):
+    pm.write_packing(of_kinds(discs(particles=3), 2), tmp_path / "a.data")
+    text = (tmp_path / "a.data").read_text()
+    (tmp_path / "a.data").write_text(re.sub(r"^1 \d+ ", "1 65 ", text, flags=re.MULTILINE))
+    with pytest.raises(ValueError, match="atoms must be of types 1 to 64 where types are kinds"):
+        pm.read_packing(tmp_path / "a.data")
+
+
+@pytest.mark.parametrize(
+    ("words", "is_field"),
+    [("0 1", False), ("1 2", False), ("1 64", True), ("-1 0", True), ("0.5 1.5", True), ("a b", True)],
+)
+@pytest.mark.parametrize("ending", [".csv", ".extxyz", ".dump"])
+def test_a_column_of_that_name_is_a_field_where_it_holds_no_kinds(tmp_path, ending, words, is_field):
+    one, other = words.split()
+    letter = {"a": "S", "0.5": "R"}.get(one, "I")
+    text = {
+        ".csv": f"# lattice 9 0\n# lattice 0 9\nx,y,radius,kind\n1,1,0.5,{one}\n3,3,0.5,{other}\n",
+        ".extxyz": f'2\nLattice="9 0 0 0 9 0 0 0 1" pbc="T T F" Properties=pos:R:3:radius:R:1:kind:{letter}:1\n'
+        f"1 1 0 0.5 {one}\n3 3 0 0.5 {other}\n",
+        ".dump": "ITEM: TIMESTEP\n0\nITEM: NUMBER OF ATOMS\n2\nITEM: BOX BOUNDS pp pp pp\n0 9\n0 9\n-0.5 0.5\n"
+        f"ITEM: ATOMS id x y z radius kind\n1 1 1 0 0.5 {one}\n2 3 3 0 0.5 {other}\n",
+    }[ending]
+    (tmp_path / f"a{ending}").write_text(text)
+    (found,) = pm.read_trajectory(tmp_path / f"a{ending}")
+    assert ("kind" in found.fields) == is_field
+    assert found.packing.kinds == (1 if is_field else 1 + int(other))
+
+
+@pytest.mark.parametrize("ending", [".csv", ".extxyz", ".dump", ".vtp"])
+def test_a_field_that_would_be_read_back_as_kinds_is_refused(tmp_path, ending):
+    with pytest.raises(ValueError, match="packing must have no fields kind"):
+        pm.write_packing(pm.Snapshot(discs(), {"kind": np.arange(23)}), tmp_path / f"a{ending}")
+    with pytest.raises(ValueError, match="fields must have names, and of their own, got 'kind_n'"):
+        pm.Snapshot(discs(), {"kind_n": np.arange(23)})
 
 
 @pytest.mark.parametrize("ending", [".csv", ".dump", ".extxyz", ".gsd", ".npz", ".vtp"])

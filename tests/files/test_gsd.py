@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -364,3 +365,45 @@ def test_arrays_of_two_kinds_of_shapes_are_refused(tmp_path):
     np.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(ValueError, match="must hold arrays of spheroids or of rigid bodies, got both"):
         pm.read_packing(tmp_path / "a.npz")
+
+
+def test_each_kind_and_size_is_a_particle_type_of_its_own(tmp_path):
+    packing = pm.random_packing(12, dimension=2, packing_fraction=0.5, seed=1)
+    packing = packing.replace(kind_n=[0, 0, 0, 2, 2, 2, 2, 2, 2, 2, 2, 2])
+    pm.write_packing(packing, tmp_path / "a.gsd")
+    with gsd.open(tmp_path / "a.gsd", "r") as file:
+        particles = file[0].particles
+    # six small ones stand first
+    assert particles.types == ["kind0_A", "kind2_A", "kind2_B"]
+    assert particles.typeid.tolist() == [0, 0, 0, 1, 1, 1, 2, 2, 2, 2, 2, 2]
+    size = {name: shape["diameter"] for name, shape in zip(particles.types, particles.type_shapes, strict=True)}
+    assert size == {"kind0_A": 1.0, "kind2_A": 1.0, "kind2_B": pytest.approx(1.4, rel=1e-15)}
+
+
+@pytest.mark.parametrize("shape", ["discs", "ellipses", "bodies", "polydisperse"])
+def test_kinds_are_read_from_names_of_types_where_another_program_wrote_the_frame(tmp_path, shape):
+    shapes = {"ellipses": pm.Ellipses(1.5), "bodies": pm.Dimer()}.get(shape)
+    sizes = pm.LogNormal(0.1) if shape == "polydisperse" else pm.Bidisperse()
+    packing = pm.random_packing(20, dimension=2, packing_fraction=0.5, seed=1, shapes=shapes, sizes=sizes)
+    packing = pm.assign_kinds(packing, (1, 1, 1), seed=2)
+    pm.write_packing(packing, tmp_path / "a.gsd")
+    with gsd.open(tmp_path / "a.gsd", "r") as file:
+        frame = file[0]
+    frame.log = {}
+    with gsd.open(tmp_path / "b.gsd", "w") as file:
+        file.append(frame)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert pm.read_packing(tmp_path / "b.gsd").kind_n.tolist() == packing.kind_n.tolist()
+
+
+def test_a_frame_whose_types_another_program_changed_is_refused(tmp_path):
+    packing = pm.random_packing(20, dimension=2, packing_fraction=0.5, seed=1, sizes=pm.Monodisperse())
+    pm.write_packing(pm.assign_kinds(packing, (1, 1), seed=2), tmp_path / "a.gsd")
+    with gsd.open(tmp_path / "a.gsd", "r") as file:
+        frame = file[0]
+    frame.particles.typeid = 1 - frame.particles.typeid
+    with gsd.open(tmp_path / "b.gsd", "w") as file:
+        file.append(frame)
+    with pytest.raises(ValueError, match="must be one packing, got two that differ"):
+        pm.read_packing(tmp_path / "b.gsd")

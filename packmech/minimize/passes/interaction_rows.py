@@ -20,6 +20,7 @@ from packmech.effects.interaction import PairLaw, interaction_law, is_interactio
 from packmech.effects.partners import equal_partners, partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
+from packmech.minimize.passes.kind_rows import kinds_between, partners_of_rows
 from packmech.minimize.passes.pair_list import inner_pairs, visit, walk
 from packmech.minimize.passes.shape_rows import RowLaws, axis_of, by_shape
 from packmech.minimize.passes.single_rows import add_torque
@@ -78,15 +79,16 @@ def bonded_rows(
 
 
 @inlined
-def _alignment_of_discs(shapes, row, i, j):
-    return partners_of(row[i, 3], row[j, 3]), 1.0, 0.0, 0.0, 0.0
+def _alignment_of_discs(shapes, effects, row, i, j):
+    return partners_of_rows(effects, row, i, j), 1.0, 0.0, 0.0, 0.0
 
 
 @inlined
-def _alignment_of_shapes(shapes, row, i, j):
+def _alignment_of_shapes(shapes, effects, row, i, j):
     ax, ay, az = axis_of(shapes, i)
     bx, by, bz = axis_of(shapes, j)
-    partners, alignment = partners_of(shapes.radius_n[i], shapes.radius_n[j]), ax * bx + ay * by + az * bz
+    partners = partners_of(shapes.radius_n[i], shapes.radius_n[j], kinds_between(effects, i, j))
+    alignment = ax * bx + ay * by + az * bz
     return partners, alignment, ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
@@ -112,7 +114,7 @@ _stiffen = by_shape(lambda shapes, stiffness_n, i, j, turns: None, _stiffness_of
 @inlined
 def law_between(shapes, effects, row, i, j, r):
     """Return the PairLaw of all interactions together, and the slopes of the alignment along rotations of i."""
-    partners, alignment, x, y, z = _alignment_of(shapes, row, i, j)
+    partners, alignment, x, y, z = _alignment_of(shapes, effects, row, i, j)
     energy = first = turning = second = mixed = bending = 0.0
     for one in literal_unroll(effects):
         law = interaction_law(one, r, partners, alignment)

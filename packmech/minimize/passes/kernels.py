@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions, project_forces, project_rows, refresh
 from packmech.effects import pair_energy, pair_first, pair_second
-from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
+from packmech.minimize.passes.kind_rows import partners_of_rows
 from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
 from packmech.minimize.passes.shape_rows import (
     RowLaws,
@@ -153,7 +153,7 @@ def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy
             rate += touch.iz * flat_spin(shapes, row, velocity_nd, i) + touch.jz * flat_spin(
                 shapes, row, velocity_nd, j
             )
-        first = _slope(effects, touch.rho, partners_at(touch), rate)
+        first = _slope(effects, touch.rho, partners_at(effects, i, j, touch), rate)
         force_nd[i, 0] += first * touch.x
         force_nd[i, 1] += first * touch.y
         force_nd[j, 0] -= first * touch.x
@@ -194,7 +194,7 @@ def _near(laws, pair):
     square = pair.dx * pair.dx + pair.dy * pair.dy
     if len(laws.axes) == 3:
         square += pair.dz * pair.dz
-    return square, partners_of(laws.body[pair.i, 3], laws.body[pair.j, 3])
+    return square, partners_of_rows(laws.effects, laws.body, pair.i, pair.j)
 
 
 @visit.form(_PushingRows)
@@ -359,7 +359,7 @@ def _survey_shaped(shapes, effects, i, j, dx, dy, dz, square, partners, stiffnes
             continue
         contacts += 1
         deepest = max(deepest, (touch.sigma - touch.rho) / touch.sigma)
-        own, first, second = _law(effects, touch.rho, partners_at(touch))
+        own, first, second = _law(effects, touch.rho, partners_at(effects, i, j, touch))
         energy += own
         turn_i = (touch.ix * touch.ix + touch.iy * touch.iy + touch.iz * touch.iz) / shapes.gyration_n[i] ** 2
         turn_j = (touch.jx * touch.jx + touch.jy * touch.jy + touch.jz * touch.jz) / shapes.gyration_n[j] ** 2

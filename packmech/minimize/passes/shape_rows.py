@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.contact_distance import exact_root, height, pair_of
+from packmech.contacts.network import effective_radius
 from packmech.contacts.scaled_contact import touch_of
-from packmech.effects.partners import Partners, partners_of
+from packmech.effects.partners import Partners
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
+from packmech.minimize.passes.kind_rows import kinds_between
 from packmech.packing import Packing
 from packmech.shapes import Beads
 
@@ -91,9 +93,9 @@ class ShapeTouch(NamedTuple):
 
 
 @inlined
-def partners_at(touch):
-    """Return the partners of a touch, as laws take them."""
-    return Partners(touch.sigma, touch.effective_radius)
+def partners_at(effects, i, j, touch):
+    """Return the partners that two rows are at a touch, as laws take them."""
+    return Partners(touch.sigma, touch.effective_radius, kinds_between(effects, i, j))
 
 
 def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows | BeadRows, ...]:
@@ -233,8 +235,8 @@ def touch_of_two_beads(shapes, one, other, dx, dy, dz):
     """Return the ShapeTouch of two beads of bodies whose centers are (dx, dy, dz) apart."""
     ax, ay, az = shapes.arm_bd[one, 0], shapes.arm_bd[one, 1], shapes.arm_bd[one, 2]
     bx, by, bz = shapes.arm_bd[other, 0], shapes.arm_bd[other, 1], shapes.arm_bd[other, 2]
-    partners = partners_of(shapes.size_b[one], shapes.size_b[other])
-    sigma, effective = partners.contact_distance, partners.effective_radius
+    size, size_j = shapes.size_b[one], shapes.size_b[other]
+    sigma, effective = size + size_j, effective_radius(size, size_j)
     x, y, z = dx + bx - ax, dy + by - ay, dz + bz - az
     square = x * x + y * y + z * z
     if square >= sigma * sigma:

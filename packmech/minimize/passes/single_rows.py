@@ -14,7 +14,7 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.effects import body_energy, body_force, body_second, held_particles, pair_second, single_effects
-from packmech.effects.partners import equal_partners
+from packmech.effects.kinds import reference_partners
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined
 from packmech.minimize.passes.shape_rows import by_shape
@@ -48,7 +48,10 @@ def acting_on_rows(scene: Scene, order_n: NDArray[np.int64]) -> tuple[Any, ...]:
     held_n = np.zeros(packing.particles, dtype=np.bool_) if held is None else held[order_n]
     if single:
         sigma = packing.reference_diameter
-        stiffness = sum(abs(float(pair_second(one, 0.99 * sigma, equal_partners(sigma)))) for one in scene.effects)
+        stiffness = max(
+            sum(abs(float(pair_second(one, 0.99 * sigma, pair))) for one in scene.effects)
+            for pair in reference_partners(scene.effects, packing)
+        )
         rows.append(RowsPushed(single, np.ascontiguousarray(packing.mass_n[order_n]), held_n, stiffness))
     if held is not None:
         bound = held[packing.links.i_l] | held[packing.links.j_l]

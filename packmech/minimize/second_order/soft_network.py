@@ -67,9 +67,12 @@ class Units:
 
     def terms(self, touches: Touches, closing: bool = False) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return du/dr and d2u/dr2 of the contacts; where they are apart, zero or the values of the closed side."""
-        columns = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
+        lengths = touches.distance_c, touches.contact_distance_c, touches.effective_radius_c
+        distance, sigma, radius = (self.length * column for column in lengths)
         terms = contact_terms(
-            self.effects, ContactLengths(*(self.length * column for column in columns)), closing=closing
+            self.effects,
+            ContactLengths(distance, sigma, radius, touches.kinds_c),
+            closing=closing,
         )
         return terms.first_c * (self.length / self.energy), terms.second_c * (self.length**2 / self.energy)
 
@@ -484,9 +487,9 @@ def energy_change(
 
     """
     exact, before, after = distance_change(vector_cd, change_cd)
-    sigma, radius = touches.contact_distance_c, touches.effective_radius_c
+    sigma, radius, kinds = touches.contact_distance_c, touches.effective_radius_c, touches.kinds_c
     either = (before < sigma) | (after < sigma) | (width > 0.0)
-    pairs = ContactLengths(before[either], sigma[either], radius[either])
+    pairs = ContactLengths(before[either], sigma[either], radius[either], kinds[either])
     return energy_between(pairs, after[either], exact[either], first, width)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.effects import equal_touches, held_particles
+from packmech.effects.kinds import reference_partners
 from packmech.mechanics.stability import stability_bound
 from packmech.minimize.second_order.soft_network import REACH, Load, SoftNetwork, Units
 from packmech.packing import Packing
@@ -362,11 +363,13 @@ def _overlap(network: SoftNetwork) -> float:
     packing = network.packing
     sigma = packing.diameter_n.mean(keepdims=True)
     force = network.pressure * sigma ** (packing.dimension - 1)
-    return (
-        float((sigma * network.units.overlap_of(force, equal_touches(sigma, sigma)))[0])
-        if network.pressure > 0.0
-        else 0.0
-    )
+    if not network.pressure > 0.0:
+        return 0.0
+    found = [
+        equal_touches(sigma, sigma)._replace(kinds_c=np.array([pair.kinds]))
+        for pair in reference_partners(network.units.effects, packing)
+    ]
+    return max(float((sigma * network.units.overlap_of(force, touches))[0]) for touches in found)
 
 
 def _negative(network: SoftNetwork, bound: float = 0.0) -> int:

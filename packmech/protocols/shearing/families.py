@@ -308,7 +308,8 @@ def _hard_packing(packing: Packing) -> HardPacking:
 
     """
     unit = length_unit(packing)
-    reduced = Packing(packing.position_nd / unit, packing.radius_n / unit, Box(packing.box.lattice_dd / unit))
+    box = Box(packing.box.lattice_dd / unit)
+    reduced = packing.replace(position_nd=packing.position_nd / unit, radius_n=packing.radius_n / unit, box=box)
     d = packing.dimension
     isotropic = np.eye(d)[None] / np.sqrt(d)
     load = float(packing.particles * d)
@@ -324,11 +325,11 @@ def _hard_packing(packing: Packing) -> HardPacking:
         slack = np.where(touching, 1e-12, 1.0)
         hard, _ = certify(
             HardState(reduced.position_nd, reduced.box.lattice_dd, state.pairs, slack, force, 1e-12, 0.0),
-            reduced.radius_n,
+            reduced,
             isotropic,
         )
         if hard is None or hard.floppy_modes:
-            hard, _ = search_hard(state, reduced.radius_n, isotropic, _ITERATIONS)
+            hard, _ = search_hard(state, reduced, isotropic, _ITERATIONS)
     if hard is not None and _is_nearby(hard.packing, hard.contacts.count_n() > 0, reduced):
         return hard
     raise ValueError(f'{_NOT_JAMMED}(scene, strain="isotropic")')

@@ -162,7 +162,7 @@ class HardDiscs(HardNetwork):
         ahead = packing.position_nd + step * (packing.position_nd @ self.shear_dd.T)
         packing = packing.replace(position_nd=ahead, box=self.lattice.box(strain, packing.box.volume))
         state = self._warm(packing, vertex)
-        hard, iterations = search_hard(state, packing.radius_n, self.isotropic_kdd, _ITERATIONS)
+        hard, iterations = search_hard(state, packing, self.isotropic_kdd, _ITERATIONS)
         self.factorizations += iterations
         if hard is None:
             return None

@@ -168,13 +168,14 @@ def _cut(scene: Scene, center_d: NDArray[np.float64], radius: float, direction: 
     turned = apart[kept] @ np.array([[cos, -sin], [sin, cos]])
     side = 2.0 * (outer + widest)
     radius_n = packing.radius_n[kept]
-    alone = Packing(turned + 0.5 * side, radius_n, Box.cubic(side, 2))
+    kind_n = None if packing.kind_n is None else packing.kind_n[kept]
+    alone = Packing(turned + 0.5 * side, radius_n, Box.cubic(side, 2), kind_n=kind_n)
     held = FixedParticles(tuple(np.flatnonzero(~free).tolist()))
     area = math.pi * float((radius_n[free] ** 2).sum()) / float(packing_fraction(packing))
     return _Patch(Scene(alone, (*scene.effects, held)), free, area)
 
 
-@honors("repulsion", at_rest=True)
+@honors("repulsion kinds", at_rest=True)
 def local_yield_stress(
     scene: Scene,
     centers: ArrayLike | None = None,

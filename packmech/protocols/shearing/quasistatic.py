@@ -220,7 +220,7 @@ class QuasistaticShear(Run):
         return csv_text(_COLUMNS, zip(*(getattr(self, f"{name}_t").tolist() for name in _COLUMNS), strict=True))
 
 
-@honors("repulsion links shapes", at_rest=True, rough="pm.deform_at_rate or pm.ramp_strain")
+@honors("repulsion kinds links shapes", at_rest=True, rough="pm.deform_at_rate or pm.ramp_strain")
 def quasistatic_shear(
     scene: Scene,
     applied_strain: float = 0.1,
@@ -330,7 +330,7 @@ def shear_held(
     return shear.until(applied_strain, step, smallest_drop, avalanche_limit)
 
 
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion kinds links shapes", at_rest=True)
 def cyclic_shear(
     scene: Scene,
     amplitude: float,

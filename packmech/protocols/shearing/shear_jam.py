@@ -30,7 +30,7 @@ _LOOK = 10
 _LOOSE = 1e-2
 
 
-@honors("repulsion damping friction rolling bonds interactions drag", shaped="pm.shear_stabilize")
+@honors("repulsion kinds damping friction rolling bonds interactions drag", shaped="pm.shear_stabilize")
 def shear_jam(
     scene: Scene,
     *,

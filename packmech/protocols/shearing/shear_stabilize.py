@@ -20,7 +20,7 @@ _FIRST_TOLERANCE = 1e-2
 _TIGHTER = 0.03
 
 
-@honors("repulsion links shapes", at_rest=True)
+@honors("repulsion kinds links shapes", at_rest=True)
 def shear_stabilize(
     scene: Scene,
     *,
