@@ -274,7 +274,7 @@ class Packing:
         return hash((*arrays, self.box, self.links, self.tangential, self.shapes, self._given_masses(), self._kinds()))
 
     def _kinds(self) -> bytes | None:
-        return None if self.kind_n is None or not self.kind_n.any() else self.kind_n.tobytes()
+        return None if self.given_kind_n is None else self.given_kind_n.tobytes()
 
     def _given_masses(self) -> bytes | None:
         return None if self.given_mass_n is None else self.given_mass_n.tobytes()
@@ -308,6 +308,11 @@ class Packing:
     def kinds(self) -> int:
         """Number of kinds of particles, the largest of `kind_n` + 1; 1 where it is None."""
         return 1 if self.kind_n is None else int(self.kind_n.max(initial=0)) + 1
+
+    @property
+    def given_kind_n(self) -> NDArray[np.int64] | None:
+        """The (N,) kinds of the particles; None where all are of kind 0."""
+        return self.kind_n if self.kinds > 1 else None
 
     @property
     def plain(self) -> bool:

@@ -8,7 +8,7 @@ import packmech as pm
 
 # calls that end within two seconds at any size that fits in memory, or only make what others use
 SHORT = {
-    *("at_packing_fraction", "bond_contacts", "change_of_basis", "contact_distance", "contact_forces"),
+    *("assign_kinds", "at_packing_fraction", "bond_contacts", "change_of_basis", "contact_distance", "contact_forces"),
     *("coefficient_of_restitution", "viscoelastic_time"),
     *("contact_statistics", "coordination_number", "correlation_function", "crossing_links", "cut_fragments"),
     *(

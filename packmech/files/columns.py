@@ -37,8 +37,8 @@ def arrays_of_particles(snapshot: Snapshot) -> dict[str, NDArray[Any]]:
     found: dict[str, NDArray[Any]] = {"position_nd": packing.position_nd, "radius_n": packing.radius_n}
     if packing.given_mass_n is not None:
         found["mass_n"] = packing.given_mass_n
-    if packing.kind_n is not None and packing.kinds > 1:
-        found[KIND] = packing.kind_n
+    if packing.given_kind_n is not None:
+        found[KIND] = packing.given_kind_n
     if isinstance(packing.shapes, Spheroids):
         found |= {"aspect_n": packing.shapes.aspect_n, "director_nd": packing.shapes.director_nd}
     return found | dict(snapshot.fields)

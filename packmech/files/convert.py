@@ -87,8 +87,8 @@ def to_ase(packing: Packing | Snapshot, *, drop: bool = False) -> Any:
     species = fields.pop("species", np.full(held.particles, "X"))
     atoms = ase.Atoms(species.tolist(), place, cell=cell, pbc=[True, True, d == 3], masses=held.given_mass_n)
     arrays = {"radius": held.radius_n, **fields}
-    if held.kinds > 1:
-        arrays[KIND] = held.kind_n
+    if held.given_kind_n is not None:
+        arrays[KIND] = held.given_kind_n
     if held.shapes.has_orientations:
         arrays |= held.shapes.arrays()
     for name, array in arrays.items():
@@ -361,8 +361,8 @@ def to_networkx(contacts: Any) -> Any:
         packing = contacts.scene.packing
         for n in range(packing.particles):
             graph.nodes[n].update(position=tuple(packing.position_nd[n].tolist()), radius=float(packing.radius_n[n]))
-            if packing.kind_n is not None and packing.kinds > 1:
-                graph.nodes[n]["kind"] = int(packing.kind_n[n])
+            if packing.given_kind_n is not None:
+                graph.nodes[n]["kind"] = int(packing.given_kind_n[n])
         edges["normal_force"] = contacts.normal_c.tolist()
         edges["tangential_force"] = list(map(tuple, contacts.tangential_cd.tolist()))
     ends = zip(pairs.i_c.tolist(), pairs.j_c.tolist(), map(tuple, pairs.image_cd.tolist()), strict=True)

@@ -149,8 +149,8 @@ def _show_types(frame: Any, packing: Packing) -> None:
     """Give the frame types of particles, one for each size and shape, or for each of these of each kind."""
     look_n = _show(packing.shapes, frame, packing)
     names = [_type_name(k) for k in range(int(look_n.max()) + 1)]
-    if packing.kind_n is not None and packing.kinds > 1:
-        found, look_n = np.unique(np.column_stack([packing.kind_n, look_n]), axis=0, return_inverse=True)
+    if packing.given_kind_n is not None:
+        found, look_n = np.unique(np.column_stack([packing.given_kind_n, look_n]), axis=0, return_inverse=True)
         names = [f"kind{kind}_{names[look]}" for kind, look in found.tolist()]
         if frame.particles.type_shapes is not None:
             frame.particles.type_shapes = [frame.particles.type_shapes[look] for look in found[:, 1]]
@@ -595,7 +595,8 @@ def _agree(exact: Packing, seen: Packing) -> bool:
     """Return whether the visible packing is the exact one rounded to single precision."""
     if (exact.particles, exact.dimension, exact.kinds) != (seen.particles, seen.dimension, seen.kinds):
         return False
-    if exact.kinds > 1 and not np.array_equal(exact.kind_n, seen.kind_n):
+    kind_n = exact.given_kind_n
+    if kind_n is not None and not np.array_equal(kind_n, np.asarray(seen.kind_n)):
         return False
     if type(exact.shapes) is not type(seen.shapes) or not np.array_equal(exact.shapes.start_n, seen.shapes.start_n):
         return False

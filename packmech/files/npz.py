@@ -224,8 +224,8 @@ def arrays_of(packing: Packing) -> dict[str, Any]:
         found |= {f"link_{name}": getattr(packing.links, name) for name in _LINK_ARRAYS}
     if packing.given_mass_n is not None:
         found["mass_n"] = packing.given_mass_n
-    if packing.kinds > 1:
-        found["kind_n"] = packing.kind_n
+    if packing.given_kind_n is not None:
+        found["kind_n"] = packing.given_kind_n
     springs = packing.tangential
     if springs is not None:
         prefix = _TANGENTIAL[0]

@@ -211,7 +211,7 @@ def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
 
 def usual_types(packing: Packing) -> NDArray[np.int64]:
     """Return types of particles from 1: their kinds where there are several, else by size; 1 where sizes are many."""
-    if packing.kind_n is not None and packing.kinds > 1:
-        return packing.kind_n + 1
+    if packing.given_kind_n is not None:
+        return packing.given_kind_n + 1
     sizes, type_n = np.unique(packing.radius_n, return_inverse=True)
     return np.asarray(type_n + 1 if len(sizes) <= DISCRETE_SIZES else np.ones_like(type_n))

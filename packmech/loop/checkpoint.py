@@ -261,7 +261,7 @@ def scene_fingerprints(scene: Scene) -> dict[str, str]:
     links = packing.links
     named = (links.i_l, links.j_l, links.image_ld, links.length_l, links.shape_l) if links else ()
     masses = () if packing.given_mass_n is None else (packing.given_mass_n,)
-    kinds = (packing.kind_n,) if packing.kinds > 1 else ()
+    kinds = () if packing.given_kind_n is None else (packing.given_kind_n,)
     springs = packing.tangential
     tangential = () if springs is None else springs.arrays()
     shapes = (packing.shapes,) if packing.shapes.has_orientations else ()

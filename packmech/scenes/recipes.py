@@ -332,8 +332,8 @@ def inline_table(packing: Packing) -> dict[str, Any]:
     }
     if packing.given_mass_n is not None:
         table["masses"] = packing.given_mass_n.tolist()
-    if packing.kind_n is not None and packing.kinds > 1:
-        table["kinds"] = packing.kind_n.tolist()
+    if packing.given_kind_n is not None:
+        table["kinds"] = packing.given_kind_n.tolist()
     table |= {FIELD_OF[name]: array.tolist() for name, array in packing.shapes.arrays().items()}
     links = packing.links
     if len(links):

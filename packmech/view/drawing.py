@@ -237,8 +237,8 @@ def particle_colors(
     hues, links, bonds = np.array(CLUSTERS, dtype=np.uint8), packing.links, bonds_of(tuple(effects))
     joined = np.flatnonzero(np.diff(packing.shapes.start_n) > 1)
     color_nc[joined] = hues[np.arange(len(joined)) % len(hues)]
-    if packing.kind_n is not None and packing.kinds > 1:
-        color_nc = hues[packing.kind_n % len(hues)]
+    if packing.given_kind_n is not None:
+        color_nc = hues[packing.given_kind_n % len(hues)]
     elif len(links):
         linked = np.union1d(links.i_l, links.j_l)
         color_nc[linked] = hues[number_by_first(links.clusters(packing.particles)[linked]) % len(CLUSTERS)]

@@ -377,9 +377,8 @@ def _sizes(packing: Packing) -> dict[str, Any]:
 
 def _kinds(packing: Packing) -> dict[str, Any]:
     """Return how many particles are of each kind, where there are several."""
-    if packing.kind_n is None or packing.kinds == 1:
-        return {}
-    return {"kinds": np.bincount(packing.kind_n).tolist()}
+    kind_n = packing.given_kind_n
+    return {} if kind_n is None else {"kinds": np.bincount(kind_n).tolist()}
 
 
 def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:

@@ -149,7 +149,9 @@ def test_statistics_have_a_line_for_each_group_and_the_power_law_beside_it(tmp_p
     plt.close("all")
 
 
-@pytest.mark.parametrize("options", [{}, {"forces": False}, {"color": "size"}, {"copies": False, "bar": False}])
+@pytest.mark.parametrize(
+    "options", [{}, {"forces": False}, {"color": "size"}, {"color": "kind"}, {"copies": False, "bar": False}]
+)
 def test_a_packing_a_scene_and_a_run_are_drawn_to_scale(options):
     scene = jammed()
     for thing in (scene.packing, scene, pm.quench(scene, force_tolerance=1e-6)):
@@ -283,3 +285,13 @@ def test_negative_moduli_are_empty_marks_on_a_logarithmic_axis():
     below = shown["$-$$G'$ (negative)"]
     assert below.get_ydata().tolist() == [2.0] and below.get_markerfacecolor() == "none"
     plt.close("all")
+
+
+def test_particles_are_colored_by_kind_with_a_legend_that_names_those_there_are():
+    packing = pm.lattice_packing("square", repeats=(3, 2)).replace(kind_n=[0, 2, 0, 2, 2, 5])
+    ax = pm.plot(packing, color="kind", copies=False)
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["kind 0", "kind 2", "kind 5"]
+    fill = max((one.get_facecolor() for one in ax.collections), key=len)
+    assert len(fill) == 6
+    same = (fill[:, None] == fill[None]).all(axis=2)
+    assert (same == (packing.kind_n[:, None] == packing.kind_n)).all()

@@ -286,3 +286,13 @@ def test_the_verdict_of_the_hard_packing_stands_beside_one_that_overlaps_hide():
     assert again.report["start"] in ("continued", "rearranged")
     shown = str(examine(scene.replace(packing=again.packing), run=again, strain="free", modes=0).summary())
     assert "followed from the packing as it stood" in shown
+
+
+def test_a_report_says_how_many_particles_are_of_each_kind_where_there_are_several():
+    plain = crystal(relative_overlap=-0.1)
+    mixed = pm.Scene(pm.assign_kinds(plain.packing, (2, 0, 1), seed=1), HARMONIC)
+    report = examine(mixed)
+    # thirds of 16 are 10.67 and 5.33
+    assert report.numbers["kinds"] == [11, 0, 5]
+    assert row(result_rows(report.numbers, report.missing), "kinds")[1:] == ("11 of 0, 5 of 2", "particles of a kind")
+    assert "kinds" not in examine(plain).numbers
