@@ -158,7 +158,7 @@ def _springs_at(side: WallSide, normal_wd: NDArray[np.float64], stretch_wk: NDAr
         rolling_wd=rolled.force_cd,
         twisting_w=twist[:, 0],
         stiffness_w3=stiffness,
-        coefficient_w=np.full(len(touches), float(friction.coefficient)),
+        coefficient_w=np.broadcast_to(np.asarray(here.coefficient, dtype=np.float64), len(touches)),
         energy_w=across.energy_c + rolled.energy_c + energy,
     )
 
