@@ -84,6 +84,8 @@ from packmech.effects import BackgroundDamping as BackgroundDamping
 from packmech.effects import Langevin as Langevin
 from packmech.effects import Gravity as Gravity
 from packmech.effects import Walls as Walls
+from packmech.effects import WallMotion as WallMotion
+from packmech.effects import HeldStress as HeldStress
 from packmech.effects import FixedParticles as FixedParticles
 from packmech.effects import Bonds as Bonds
 from packmech.effects import BondLimits as BondLimits

@@ -18,9 +18,11 @@ from packmech.effects import (
     Bonds,
     DampingRatio,
     Friction,
+    HeldStress,
     Mindlin,
     Repulsion,
     TwistingResistance,
+    WallMotion,
     Walls,
     bonds_of,
     check_effect,
@@ -651,6 +653,10 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
             if not damps(value) or hasattr(value, "pair_energy"):
                 raise TypeError(f"{where}.damping must be a number or a dashpot such as Restitution(), got {value!r}")
             _check_numbers(f"{where}.damping", value)
+        elif isinstance(value, WallMotion | HeldStress):
+            _check_numbers(f"{where}.{name}", value)
+        elif isinstance(record, Walls) and name.endswith("_motion"):
+            continue
         elif isinstance(record, Walls) and name in ("friction", "rolling", "twisting"):
             if is_effect(value):
                 _check_numbers(f"{where}.{name}", value)

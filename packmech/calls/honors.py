@@ -42,10 +42,11 @@ COLUMNS = {
     "breaking": "bonds that break: Bonds with breaks_at",
     "memory": "interactions that remember, such as JKR",
     "rough": "Walls with friction, or on which particles roll or spin with resistance",
+    "moving": "Walls that move, or hold a stress: WallMotion",
 }
 EFFECTS = tuple(COLUMNS)[:11]
 # columns of what a scene adds to its packing
-_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough")
+_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough", "moving")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -67,6 +68,7 @@ INSTEAD = {
     "breaking": "pm.simulate or pm.ramp_strain",
     "memory": "pm.simulate",
     "rough": "pm.simulate or pm.settle",
+    "moving": "pm.simulate",
 }
 
 
@@ -175,6 +177,11 @@ class Honors:
                 raise ValueError(
                     f"{name}.effects must hold no bonds that break for pm.{self.call}, which would break none, got "
                     f"limits of {kind} at {k}: take them away with bonds.unbreakable(), or use {self.instead(column)}"
+                )
+            if column == "moving":
+                raise ValueError(
+                    f"{name}.effects must hold walls that stand still for pm.{self.call}, which moves none, got {kind} "
+                    f"with a motion at {k}: take walls.still, or use {self.instead(column)}"
                 )
             if column == "rough":
                 raise ValueError(

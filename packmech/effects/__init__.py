@@ -18,6 +18,7 @@ from packmech.effects.body import (
     refuse_walls,
     rough_walls,
     spin_drag,
+    visited_walls,
     wall_columns,
 )
 from packmech.effects.bonds import (
@@ -135,6 +136,7 @@ from packmech.effects.single import (
     total_push,
     wall_sides,
 )
+from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 
 __all__ = [
     "BREAKING_MODES",
@@ -155,6 +157,7 @@ __all__ = [
     "Friction",
     "Gravity",
     "Harmonic",
+    "HeldStress",
     "Hertz",
     "Interactions",
     "JKR",
@@ -183,6 +186,7 @@ __all__ = [
     "TwistingResistance",
     "ViscoelasticDamping",
     "ViscousRolling",
+    "WallMotion",
     "WallSide",
     "Walls",
     "acting_contacts",
@@ -230,6 +234,7 @@ __all__ = [
     "memory_columns",
     "memory_size",
     "mindlin_stiffness",
+    "moved_along",
     "needs_second",
     "pair_damping",
     "pair_energy",
@@ -264,6 +269,7 @@ __all__ = [
     "total_push",
     "twisting_of",
     "under_cap",
+    "visited_walls",
     "wall_columns",
     "wall_sides",
 ]
