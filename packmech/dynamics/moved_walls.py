@@ -92,7 +92,7 @@ class MovedWalls:
         varying = np.abs(stress_tfd - stress_tfd.mean(axis=0)).max(axis=0)
         off = np.where(np.isnan(self.held_fd), varying, np.abs(self.net_tfd[late]).max(axis=0))
         scale = np.maximum(np.abs(stress_tfd).max(axis=(0, 2)), np.abs(np.nan_to_num(self.held_fd)).max(axis=1))
-        return np.divide(off, scale[:, None], out=np.zeros_like(off), where=scale[:, None] > 0.0)
+        return np.asarray(np.divide(off, scale[:, None], out=np.zeros_like(off), where=scale[:, None] > 0.0))
 
     @property
     def steady_fd(self) -> NDArray[np.bool_]:

@@ -604,8 +604,8 @@ class SimulationTask:
             threads=loop.settings.threads,
             ledger_every=every_of(settings.trace_every, settings.steps) if settings.ledger else None,
         )
-        often = every_of(settings.trace_every, settings.steps)
-        self.faces = None if self.engine.faces is None else FaceRows(self.engine, often)
+        kept_every = every_of(settings.trace_every, settings.steps)
+        self.faces = None if self.engine.faces is None else FaceRows(self.engine, kept_every)
         self.direction_dd = np.zeros((d, d)) if strain is None else strain.direction(d)
         self.build_seconds = time.process_time() - self.began
         self.seconds_before = 0.0

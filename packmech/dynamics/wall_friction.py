@@ -107,7 +107,8 @@ def make_visited_walls(
     walls: tuple[Walls, ...], box: Box, rows: int, axes: tuple[int, ...], blocks: int
 ) -> VisitedWalls | None:
     """Return rough walls and walls that move, with slack springs; None where there are none."""
-    faces, found, first = make_faces(walls, box, blocks), [], 0
+    faces, first = make_faces(walls, box, blocks), 0
+    found: list[MovingWall | RoughWall] = []
     for one in walls:
         if one.moves:
             found.append(MovingWall(one.still, one.roughness, faces, first))

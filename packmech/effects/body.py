@@ -150,7 +150,8 @@ class Walls(NamedTuple):
     Walls stand still, but for faces that are given a motion: with a velocity, or a stress that they hold
     (`WallMotion`). `pm.simulate` moves them, in a box that does not deform, and discs or spheres between them; calls of
     what is at rest refuse them. The box goes on behind the walls: it must be longer than from wall to wall by more than
-    particles press into both, or these touch each other through the walls.
+    particles press into both, or these touch each other through the walls. What begins with a packing takes particles
+    where they are in the cell: walls belong into it.
 
     Its numbers are checked when a `Scene` is made with it.
 

@@ -139,7 +139,7 @@ class Material:
         # the law is that of the mirror image, whose overlap is twice as deep
         law = self._law(packing, 0.5 * modulus)
         friction = sliding[0] if sliding else Friction(0.0) if self.friction > 0.0 else None
-        return Walls(axis, low, high, law, dashpots[0] if dashpots else 0.0, friction)
+        return Walls._make((axis, low, high, law, dashpots[0] if dashpots else 0.0, friction, *(None,) * 4))
 
     def _mixed(self, other: Material, modulus: float) -> Material:
         """Return the material of which two bodies touch as one of this and one of the other, of this E*."""

@@ -25,9 +25,9 @@ def column():
     packing = pm.random_packing(30, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.5, seed=3)
     packing = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-9).packing
     side = float(packing.box.lattice_dd[0, 0])
-    packing = packing.replace(box=pm.Box([side, 1.5 * side]), position_nd=packing.position_nd % side)
+    packing = packing.replace(box=pm.Box([side, 1.5 * side]), position_nd=packing.position_nd % side + [0.0, 1.0])
     piston = pm.WallMotion(y=pm.HeldStress(-2.0, inertia=0.5, damping=1.0))
-    walls = pm.Walls(1, -0.5, side + 0.5, SPRING, 10.0, high_motion=piston)
+    walls = pm.Walls(1, 0.5, side + 1.5, SPRING, 10.0, high_motion=piston)
     slowed = pm.ContactDamping(10.0), pm.BackgroundDamping(1.0)
     return pm.Scene(packing, (pm.Repulsion(SPRING), *slowed, pm.Gravity(0.0, -0.5), walls))
 
