@@ -43,10 +43,11 @@ COLUMNS = {
     "memory": "interactions that remember, such as JKR",
     "rough": "Walls with friction, or on which particles roll or spin with resistance",
     "moving": "Walls that move, or hold a stress: WallMotion",
+    "mesh": "walls of triangles: MeshWalls",
 }
 EFFECTS = tuple(COLUMNS)[:11]
 # columns of what a scene adds to its packing
-_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough", "moving")
+_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough", "moving", "mesh")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -69,6 +70,7 @@ INSTEAD = {
     "memory": "pm.simulate",
     "rough": "pm.simulate or pm.settle",
     "moving": "pm.simulate",
+    "mesh": "pm.simulate or pm.quench",
 }
 
 

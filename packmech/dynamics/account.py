@@ -72,7 +72,16 @@ from packmech.dynamics.wall_friction import (
     visit_wall,
     walk_walls,
 )
-from packmech.effects import ConstantRolling, Mindlin, RoughContacts, ViscousRolling, Walls, pair_first, spin_drag
+from packmech.effects import (
+    ConstantRolling,
+    MeshRows,
+    Mindlin,
+    RoughContacts,
+    ViscousRolling,
+    Walls,
+    pair_first,
+    spin_drag,
+)
 from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
 from packmech.effects.partners import partners_of
 from packmech.jit.by_type import by_type
@@ -746,7 +755,7 @@ def _choose_book(one: Any, visiting: Any, late: Any, early: Any, kicks: Any, car
     return _book_energy if hasattr(one.instance_class, "body_energy") else _book_pushing
 
 
-_channel = by_type(lambda one: BODIES, {Walls: lambda one: WALLS})
+_channel = by_type(lambda one: BODIES, {Walls: lambda one: WALLS, MeshRows: lambda one: WALLS})
 
 
 # books what of a force goes with the velocity
@@ -760,7 +769,7 @@ def _resist_by_wall(one, visiting, late, early):
     _add(visiting, WALL_DASHPOTS, late, early)
 
 
-_resist = by_type(_resist_by_drag, {Walls: _resist_by_wall})
+_resist = by_type(_resist_by_drag, {Walls: _resist_by_wall, MeshRows: _resist_by_wall})
 _account_bodies = by_type(
     _account_singles, {type(None): lambda bodies, account, kicks, laws, state, shapes, low, high, b: None}
 )

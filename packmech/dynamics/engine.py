@@ -79,6 +79,7 @@ from packmech.effects import (
     damps,
     held_particles,
     held_velocity,
+    in_loops,
     is_interaction,
     langevin_of,
     memory_columns,
@@ -932,7 +933,7 @@ def build_engine(
             f"{moving[0].low_motion!r} and {moving[0].high_motion!r}"
         )
     # walls that move push rows where these are walked past walls
-    bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force") and one not in moving)
+    bodies = tuple(in_loops(one) for one in scene.effects if hasattr(type(one), "body_force") and one not in moving)
     friction, bonds = roughness_of(scene.effects), bonds_of(scene.effects)
     langevin = _bath_of(scene, second_order)
     shapes, memory = packing.shapes, memory_columns(scene.effects)

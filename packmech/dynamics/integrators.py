@@ -16,6 +16,7 @@ from packmech.effects import (
     Friction,
     HeldStress,
     Langevin,
+    MeshWalls,
     Rolling,
     TwistingResistance,
     Walls,
@@ -185,12 +186,13 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
                 stiff.append(abs(law_second(one.tension, rest, pair)))
             stiff.append(turned * one.tangential_stiffness)
             damped += [one.damping, turned * one.tangential_damping]
-        elif isinstance(one, Walls):
+        elif isinstance(one, Walls | MeshWalls):
+            wall = one.flat if isinstance(one, MeshWalls) else one
             # barely touching and pressed deep, as contacts are looked up
             for overlap in (_BARELY, _OVERLAPS[-1]):
-                stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma, overlap) for sigma in sizes]
-            damped += [steep * one.body_damping(0.5 * sigma, smallest) for sigma in sizes]
-            across = one.resistances([0.5 * sigma for sigma in sizes], smallest)
+                stiff += [0.5 * steep * wall.body_stiffness(0.5 * sigma, overlap) for sigma in sizes]
+            damped += [steep * wall.body_damping(0.5 * sigma, smallest) for sigma in sizes]
+            across = wall.resistances([0.5 * sigma for sigma in sizes], smallest)
             stiff += [0.5 * turned * each.stiffness for each in across]
             damped += [0.5 * turned * each.damping for each in across]
         elif isinstance(one, Langevin):

@@ -80,6 +80,7 @@ from packmech.effects.laws import (
     law_second,
     registered_laws,
 )
+from packmech.effects.mesh import MeshRows, MeshWalls, in_loops
 from packmech.effects.pair import (
     ContactLengths,
     ContactTerms,
@@ -164,6 +165,8 @@ __all__ = [
     "Langevin",
     "Law",
     "LinearSpring",
+    "MeshRows",
+    "MeshWalls",
     "Mindlin",
     "Partners",
     "PlateauRepulsion",
@@ -216,6 +219,7 @@ __all__ = [
     "friction_or_zero",
     "held_particles",
     "held_velocity",
+    "in_loops",
     "interaction_law",
     "interactions_of",
     "is_bound",

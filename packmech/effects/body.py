@@ -357,6 +357,11 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
 
     """
     for k, one in enumerate(effects):
+        if getattr(one, "acts_as", None) == "mesh" and (packing.dimension == 2 or packing.shapes.has_orientations):
+            what = "discs" if packing.dimension == 2 else packing.shapes.names[1]
+            raise ValueError(
+                f"effects[{k}] must be no MeshWalls for {what}, which take spheres, got {len(one)} triangles"
+            )
         if getattr(one, "acts_as", None) != "walls":
             continue
         for name, kinds in ROUGHNESS.items():
