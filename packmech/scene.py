@@ -19,6 +19,7 @@ from packmech.effects import (
     DampingRatio,
     Friction,
     HeldStress,
+    MeshWalls,
     Mindlin,
     Repulsion,
     TwistingResistance,
@@ -32,6 +33,7 @@ from packmech.effects import (
     is_bound,
     is_effect,
     is_law,
+    plain_record,
     refuse_curvature_of_shapes,
     refuse_rolling,
     refuse_walls,
@@ -687,13 +689,8 @@ def _check_bound(where: str, record: Any) -> None:
         value = getattr(record, each.name)
         if is_law(value):
             _check_numbers(f"{where}.{each.name}", value, slack=True)
-
-
-def _plain(record: Any) -> Any:
-    """Return the record with every number a float, so that one combination of effects compiles once."""
-    return type(record)(
-        *(_plain(value) if isinstance(value, tuple) else None if value is None else float(value) for value in record)
-    )
+    if isinstance(record, MeshWalls):
+        _check_numbers(where, record.flat)
 
 
 @shown(lambda one: repr(one.packing))
@@ -746,7 +743,7 @@ class Scene:
                 _check_bound(f"effects[{k}]", one)
                 continue
             _check_numbers(f"effects[{k}]", one)
-        object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
+        object.__setattr__(self, "effects", tuple(one if is_bound(one) else plain_record(one) for one in self.effects))
         for kind in (Friction, Bonds, TwistingResistance):
             number = sum(isinstance(one, kind) for one in self.effects)
             if number > 1:

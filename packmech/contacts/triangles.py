@@ -127,7 +127,7 @@ def _cell(triangles, axis, place):
 
 @device
 def _span(triangles, p, radius):
-    """Return the cells that a sphere reaches into: the first and the last along each axis, and whether there are any."""
+    """Return the first and the last cell that a sphere reaches into along each axis, and whether there are any."""
     reaches = True
     for axis in range(3):
         high = triangles.low_d[axis] + triangles.side_d[axis] * triangles.count_d[axis]
@@ -153,7 +153,7 @@ class Search(NamedTuple):
 
 
 class SurfaceTouch(NamedTuple):
-    """Where a sphere may touch a triangle: whether it does, direction from there, distance, part, an edge's direction."""
+    """Whether a sphere touches a triangle; the direction from there, distance, part, and an edge's direction."""
 
     touches: bool
     n: Any
@@ -205,7 +205,7 @@ def next_near(triangles, search):
 
 @device
 def _nearest_on(triangles, t, p):
-    """Return the nearest place of a triangle, its distance, what of the triangle it is, and the direction of an edge."""
+    """Return the nearest place of a triangle, the way from there, its length, the part, and an edge's direction."""
     place, part, start, end = closest_point(triangles.corner_t9, t, p)
     away = _less(p, place)
     return place, away, math.sqrt(_dot(away, away)), part, _less(end, start)

@@ -99,6 +99,7 @@ from packmech.effects.pair import (
     pair_energy,
     pair_first,
     pair_second,
+    plain_record,
     registered_effects,
     under_cap,
 )
@@ -246,6 +247,7 @@ __all__ = [
     "pair_second",
     "pairs_of_sizes",
     "partners_of",
+    "plain_record",
     "reach_beyond_contact",
     "refuse_curvature_of_shapes",
     "refuse_free_fall",

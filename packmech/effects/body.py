@@ -360,8 +360,16 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
         if getattr(one, "acts_as", None) == "mesh" and (packing.dimension == 2 or packing.shapes.has_orientations):
             what = "discs" if packing.dimension == 2 else packing.shapes.names[1]
             raise ValueError(
-                f"effects[{k}] must be no MeshWalls for {what}, which take spheres, got {len(one)} triangles"
+                f"effects[{k}] must be no MeshWalls for {what}: they take spheres, got {len(one)} triangles"
             )
+        if getattr(one, "acts_as", None) == "mesh" and one.friction is None:
+            rough = tuple(kind for kinds in ROUGHNESS.values() for kind in kinds)
+            found = next((m for m, other in enumerate(effects) if isinstance(other, rough)), None)
+            if found is not None:
+                raise ValueError(
+                    f"effects[{k}].friction of MeshWalls must be Friction(0.0) where contacts have "
+                    f"{type(effects[found]).__name__} (effects[{found}]), as the surface is smooth, got None"
+                )
         if getattr(one, "acts_as", None) != "walls":
             continue
         for name, kinds in ROUGHNESS.items():

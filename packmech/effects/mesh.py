@@ -23,8 +23,9 @@ from packmech.contacts.triangles import (
 )
 from packmech.effects.body import Walls, first_on_wall
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
+from packmech.effects.friction import Friction
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
-from packmech.effects.pair import bound_effect, inner_record
+from packmech.effects.pair import bound_effect, inner_record, plain_record
 from packmech.effects.partners import equal_partners
 
 # area of a triangle over the square of the mesh's extent below which it is none
@@ -96,11 +97,11 @@ class MeshWalls:
     """A wall of triangles that spheres touch from either side: a hopper, a drum, a mould, read by `pm.read_mesh`.
 
     A contact is one with the mirror image behind the place of the surface that is nearest, as of `Walls`: with the
-    distance D of the center from there, the law is that of the distance 2 D and the contact distance 2 r, and the energy
-    half of it. Distances to faces, edges and corners are exact. A sphere touches wherever its distance from the surface
-    has a minimum on it: once over the edge between two triangles of one plane, once on an edge that stands out, at each
-    side of a groove. Contacts whose directions differ by less than ten degrees count as one, the nearest, so that a
-    surface which is bent in by less from triangle to triangle, as a drum is, is touched once, too: energies are
+    distance D of the center from there, the law is that of the distance 2 D and the contact distance 2 r, and the
+    energy half of it. Distances to faces, edges and corners are exact. A sphere touches wherever its distance from the
+    surface has a minimum on it: once over the edge between two triangles of one plane, once on an edge that stands out,
+    at each side of a groove. Contacts whose directions differ by less than ten degrees count as one, the nearest, so
+    that a surface which is bent in by less from triangle to triangle, as a drum is, is touched once, too: energies are
     continuous there for overlaps with images up to 1.5 % of the contact distance.
 
     Smooth, and at rest. The surface is not repeated with the box: it stands in the cell, and particles are where they
@@ -116,6 +117,8 @@ class MeshWalls:
         What pushes at an overlap with the image; a LinearSpring unless given.
     damping
         Coefficient of a dashpot [mass/time], or one such as `Restitution`.
+    friction
+        Friction(0.0) says that the surface is smooth, where contacts of particles have friction or resist rolling.
 
     Raises
     ------
@@ -136,6 +139,7 @@ class MeshWalls:
     triangles: ArrayLike
     law: Law = LinearSpring()
     damping: float | ContactDamping | Restitution | ViscoelasticDamping = 0.0
+    friction: Friction | None = None
 
     acts_as: ClassVar[str] = "mesh"
 
@@ -157,9 +161,8 @@ class MeshWalls:
             array.setflags(write=False)
         object.__setattr__(self, "vertices", vertex)
         object.__setattr__(self, "triangles", number)
-        fault = Walls(0.0, 0.0, 1.0, self.law, self.damping).fault()
-        if fault:
-            raise ValueError(fault)
+        if self.friction is not None and not (isinstance(self.friction, Friction) and self.friction.coefficient == 0.0):
+            raise ValueError(f"friction must be Friction(0.0) or None, as the surface is smooth, got {self.friction!r}")
 
     def __len__(self) -> int:
         return len(self.corner_tcd)
@@ -172,7 +175,7 @@ class MeshWalls:
 
     def _told(self) -> tuple[Any, ...]:
         vertex, number = np.asarray(self.vertices), np.asarray(self.triangles)
-        return vertex.tobytes(), number.tobytes(), self.law, self.damping
+        return vertex.tobytes(), number.tobytes(), self.law, self.damping, self.friction
 
     @cached_property
     def corner_tcd(self) -> NDArray[np.float64]:
@@ -183,8 +186,8 @@ class MeshWalls:
     @cached_property
     def rows(self) -> MeshRows:
         """What stands for it inside loops."""
-        damping = self.damping if isinstance(self.damping, tuple) else float(self.damping)
-        return MeshRows(self.law, damping, make_triangles(self.corner_tcd))
+        flat = plain_record(self.flat)
+        return MeshRows(flat.law, flat.damping, make_triangles(self.corner_tcd))
 
     @property
     def flat(self) -> Walls:

@@ -269,6 +269,16 @@ def inner_record(cls: E) -> E:
     return cls
 
 
+def plain_record(record: Any) -> Any:
+    """Return the record with every number a float, so that one combination of effects compiles once."""
+    return type(record)(
+        *(
+            plain_record(value) if isinstance(value, tuple) else None if value is None else float(value)
+            for value in record
+        )
+    )
+
+
 def is_bound(value: object) -> bool:
     """Return whether the value is an effect with arrays of its own."""
     return is_effect(value) and not isinstance(value, tuple)

@@ -43,13 +43,10 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
     Examples
     --------
     >>> import pathlib, tempfile
-    >>> path = pathlib.Path(tempfile.mkdtemp()) / "corner.stl"
-    >>> facet = "facet normal 0 0 0 outer loop {} endloop endfacet"
-    >>> corner = "vertex 0 0 0 vertex 1 0 0 vertex 0 1 0"
-    >>> _ = path.write_text(f"solid a\\n{facet.format(corner)}\\nendsolid a\\n".replace(" vertex", "\\nvertex")
-    ...     .replace(" outer", "\\nouter").replace(" endloop", "\\nendloop").replace(" endfacet", "\\nendfacet"))
-    >>> read_mesh(path, scale=2.0).vertices.max()
-    np.float64(2.0)
+    >>> path = pathlib.Path(tempfile.mkdtemp()) / "corner.off"
+    >>> _ = path.write_text(chr(10).join(["OFF", "3 1 0", "0 0 0", "1 0 0", "0 1 0", "3 0 1 2"]))
+    >>> float(read_mesh(path, scale=2.0).vertices.max())
+    2.0
 
     """
     positive("scale", scale)

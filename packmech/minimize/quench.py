@@ -16,8 +16,8 @@ from packmech.contacts import crossing_links
 from packmech.effects import (
     FixedParticles,
     Harmonic,
-    Repulsion,
     MeshRows,
+    Repulsion,
     Walls,
     lacking_second,
     refuse_free_fall,
