@@ -192,7 +192,7 @@ class MeshWalls:
     @property
     def flat(self) -> Walls:
         """Flat walls that do the same to what touches them."""
-        return Walls(0.0, 0.0, 1.0, self.law, self.damping)
+        return Walls._make((0.0, 0.0, 1.0, self.law, self.damping, *(None,) * 5))
 
     def body_energy(self, x: float, y: float, z: float, mass: float, radius: float) -> float:
         """Return the energy of a particle [energy]."""
