@@ -37,6 +37,7 @@ from packmech.generate import StarCluster as StarCluster
 
 # files
 from packmech.files.packings import read_packing as read_packing
+from packmech.files.meshes import read_mesh as read_mesh
 from packmech.files.packings import write_packing as write_packing
 from packmech.files.packings import read_trajectory as read_trajectory
 from packmech.files.packings import write_trajectory as write_trajectory
@@ -88,6 +89,9 @@ from packmech.effects import BackgroundDamping as BackgroundDamping
 from packmech.effects import Langevin as Langevin
 from packmech.effects import Gravity as Gravity
 from packmech.effects import Walls as Walls
+from packmech.effects import WallMotion as WallMotion
+from packmech.effects import HeldStress as HeldStress
+from packmech.effects import MeshWalls as MeshWalls
 from packmech.effects import FixedParticles as FixedParticles
 from packmech.effects import Bonds as Bonds
 from packmech.effects import BondLimits as BondLimits

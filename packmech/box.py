@@ -16,6 +16,8 @@ SHORTEST, LONGEST = 1e-60, 1e60
 _SUMS = {d: np.array(np.meshgrid(*[[-1, 0, 1]] * d)).reshape(d, -1) for d in (2, 3)}
 # wrapping from further away, in lattice vectors, leaves few digits of the place in the cell
 _FARTHEST = 2.0**31
+# part of the height by which other lattice vectors may stand out of a plane across an axis
+_FLAT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +156,23 @@ class Box:
         """The box of short vectors, None where it is this one, and U."""
         lattice, change = _reduce(self.lattice_dd)
         return None if lattice is self.lattice_dd else Box(lattice), change
+
+    def height_across(self, axis: int) -> float | None:
+        """Return the height along an axis that all but one of the lattice vectors are across; None without such.
+
+        Parameters
+        ----------
+        axis
+            0, 1 or 2.
+
+        Examples
+        --------
+        >>> Box([[2.0, 1.0], [0.0, 3.0]]).height_across(1), Box([[2.0, 1.0], [0.0, 3.0]]).height_across(0)
+        (3.0, None)
+
+        """
+        row = np.abs(self.lattice_dd[axis])
+        return float(row.max()) if np.count_nonzero(row > _FLAT * row.max()) == 1 else None
 
     def reduced(self) -> tuple[Box, NDArray[np.int64]]:
         """Return a box of short vectors of the same lattice, and the integer matrix U with reduced = lattice @ U.

@@ -19,9 +19,12 @@ from packmech.effects import (
     Bonds,
     DampingRatio,
     Friction,
+    HeldStress,
+    MeshWalls,
     Mindlin,
     Repulsion,
     TwistingResistance,
+    WallMotion,
     Walls,
     bonds_of,
     check_effect,
@@ -31,6 +34,7 @@ from packmech.effects import (
     is_bound,
     is_effect,
     is_law,
+    plain_record,
     refuse_curvature_of_shapes,
     refuse_rolling,
     refuse_walls,
@@ -660,6 +664,10 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
             if not damps(value) or hasattr(value, "pair_energy"):
                 raise TypeError(f"{where}.damping must be a number or a dashpot such as Restitution(), got {value!r}")
             _check_numbers(f"{where}.damping", value)
+        elif isinstance(value, WallMotion | HeldStress):
+            _check_numbers(f"{where}.{name}", value)
+        elif isinstance(record, Walls) and name.endswith("_motion"):
+            continue
         elif isinstance(record, Walls) and name in ("friction", "rolling", "twisting"):
             if is_effect(value):
                 _check_numbers(f"{where}.{name}", value)
@@ -701,14 +709,8 @@ def _check_bound(where: str, record: Any) -> None:
         value = getattr(record, each.name)
         if is_law(value):
             _check_numbers(f"{where}.{each.name}", value, slack=True)
-
-
-def _plain(record: Any) -> Any:
-    """Return the record with every number a float, so that one combination of effects compiles once."""
-    values = (
-        _plain(value) if isinstance(value, tuple) else None if value is None else float(value) for value in record
-    )
-    return type(record)(*values) if hasattr(record, "_fields") else tuple(values)
+    if isinstance(record, MeshWalls):
+        _check_numbers(where, record.flat)
 
 
 @shown(lambda one: repr(one.packing))
@@ -761,7 +763,7 @@ class Scene:
                 _check_bound(f"effects[{k}]", one)
                 continue
             _check_numbers(f"effects[{k}]", one)
-        object.__setattr__(self, "effects", tuple(one if is_bound(one) else _plain(one) for one in self.effects))
+        object.__setattr__(self, "effects", tuple(one if is_bound(one) else plain_record(one) for one in self.effects))
         for kind in (Friction, Bonds, TwistingResistance):
             number = sum(isinstance(one, kind) for one in self.effects)
             if number > 1:

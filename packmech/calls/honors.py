@@ -43,10 +43,12 @@ COLUMNS = {
     "memory": "interactions that remember, such as JKR",
     "rough": "Walls with friction, or on which particles roll or spin with resistance",
     "kinds": "laws and numbers that differ by kinds of particles: LawByKind, ByKind",
+    "moving": "Walls that move, or hold a stress: WallMotion",
+    "mesh": "walls of triangles: MeshWalls",
 }
 EFFECTS = tuple(COLUMNS)[:11]
 # columns of what a scene adds to its packing
-_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough", "kinds")
+_OF_SCENES = (*EFFECTS, "breaking", "memory", "rough", "kinds", "moving", "mesh")
 # places at which a drag is asked whether it pushes what does not move
 _PLACES = ((0.0, 0.0, 0.0), (0.3, -0.7, 1.1), (-12.0, 5.0, 40.0))
 # what stands in the table
@@ -69,6 +71,8 @@ INSTEAD = {
     "memory": "pm.simulate",
     "rough": "pm.simulate or pm.settle",
     "kinds": "pm.simulate or pm.quench",
+    "moving": "pm.simulate",
+    "mesh": "pm.simulate or pm.quench",
 }
 
 
@@ -185,6 +189,11 @@ class Honors:
                 raise ValueError(
                     f"{name}.effects must hold no bonds that break for pm.{self.call}, which would break none, got "
                     f"limits of {kind} at {k}: take them away with bonds.unbreakable(), or use {self.instead(column)}"
+                )
+            if column == "moving":
+                raise ValueError(
+                    f"{name}.effects must hold walls that stand still for pm.{self.call}, which moves none, got {kind} "
+                    f"with a motion at {k}: take walls.still, or use {self.instead(column)}"
                 )
             if column == "rough":
                 raise ValueError(

@@ -40,6 +40,9 @@ from packmech.dynamics.contact_forces import (
     spring_of,
 )
 from packmech.dynamics.deformation import relative, turning, with_flow
+from packmech.dynamics.faces import DRAG as FACE_DRAG
+from packmech.dynamics.faces import FORCE, HALF, INVERSE, VELOCITY, WHOLE, Faces
+from packmech.dynamics.faces import HELD as FACE_HELD
 from packmech.dynamics.friction import (
     Across,
     Now,
@@ -60,8 +63,25 @@ from packmech.dynamics.friction import (
 )
 from packmech.dynamics.stretches import inner_stretches
 from packmech.dynamics.threads import is_first, wait
-from packmech.dynamics.wall_friction import RoughWalls, slipping_at_wall, visit_wall, walk_walls
-from packmech.effects import ConstantRolling, Mindlin, RoughContacts, ViscousRolling, Walls, spin_drag
+from packmech.dynamics.wall_friction import (
+    MovingWall,
+    VisitedWalls,
+    energy_of_push,
+    faces_of,
+    normal_at_moving_wall,
+    slipping_at_wall,
+    visit_wall,
+    walk_walls,
+)
+from packmech.effects import (
+    ConstantRolling,
+    MeshRows,
+    Mindlin,
+    RoughContacts,
+    ViscousRolling,
+    Walls,
+    spin_drag,
+)
 from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined, lean
@@ -79,17 +99,18 @@ STORING = (
     "bond_tangential",
     "bodies",
     "walls",
+    "pistons",
 )
 DISSIPATING = (
     "normal_dashpots", "tangential_dashpots", "sliding", "rolling", "twisting", "bond_dashpots", "breaking", "drag",
-    "wall_dashpots", "stiffness_changes", "interactions",
+    "wall_dashpots", "stiffness_changes", "interactions", "piston_dashpots",
 )  # fmt: skip
-WORKING = ("box", "held", "pushing", "bath")
-CONTACTS, INTERACTIONS, TANGENTIAL, ROLLING, TWISTING, BONDS, BOND_TANGENTIAL, BODIES, WALLS = range(9)
-DASHPOTS, TANGENTIAL_DASHPOTS, SLIDING, ROLLED, TWISTED, BOND_DASHPOTS, BREAKING, DRAG, WALL_DASHPOTS = range(9, 18)
-STIFFNESS_CHANGES, FORMING = 18, 19
-BOX, HELD, PUSHING, BATH = 20, 21, 22, 23
-CHANNELS, STORED = 24, 9
+WORKING = ("box", "held", "pushing", "bath", "moved_walls", "held_stress")
+CONTACTS, INTERACTIONS, TANGENTIAL, ROLLING, TWISTING, BONDS, BOND_TANGENTIAL, BODIES, WALLS, PISTONS = range(10)
+DASHPOTS, TANGENTIAL_DASHPOTS, SLIDING, ROLLED, TWISTED, BOND_DASHPOTS, BREAKING, DRAG, WALL_DASHPOTS = range(10, 19)
+STIFFNESS_CHANGES, FORMING, PISTON_DASHPOTS = 19, 20, 21
+BOX, HELD, PUSHING, BATH, MOVED_WALLS, HELD_STRESS = range(22, 28)
+CHANNELS, STORED = 28, 10
 # columns of the figures: sums over the time so far, energies stored now, kinetic energy of what is free, now and once
 # it is kicked, energy of single particles that wrapping took away, and what the next step's first kick adds to each sum
 ENERGY, KINETIC, KICKED, SHIFT = CHANNELS, CHANNELS + STORED, CHANNELS + STORED + 1, CHANNELS + STORED + 2
@@ -107,9 +128,9 @@ WORST = 8
 class Account(NamedTuple):
     """What a ledger needs: figures by the columns above, the same by blocks, the worst contacts, and scratch.
 
-    late_nk and early_nk hold the mean velocities of rows in the last kick of a step and in the first of the next, and
-    of a last row that never moves, which walls stand for; still_nk the rows at rest, spring_pk and wall_nk the springs
-    of pairs and of walls before the forces of a step (None where there are none).
+    late_nk and early_nk hold the mean velocities of rows in the last kick of a step and in the first of the next, then
+    of a row that never moves, which walls stand for, and of the faces of walls that move; still_nk the rows at rest,
+    spring_pk and wall_nk the springs of pairs and of walls before the forces of a step (None where there are none).
     """
 
     number: NDArray[np.float64]
@@ -123,12 +144,12 @@ class Account(NamedTuple):
     wall_nk: Any
 
 
-def new_account(body: NDArray[np.float64], width: int, blocks: int) -> Account:
-    """Return an account of rows with so many velocities each, in so many blocks, in which nothing has happened."""
-    n = len(body)
+def new_account(body: NDArray[np.float64], width: int, blocks: int, faces: int = 0) -> Account:
+    """Return an account of rows with so many velocities each and of faces, in blocks, in which nothing has happened."""
+    rows = len(body) + 1 + faces
     return Account(
         np.zeros(FIGURES), np.zeros((blocks, _COLUMNS)), np.zeros(WORST), np.zeros((blocks, WORST)),
-        np.zeros((n + 1, width)), np.zeros((n + 1, width)), np.zeros_like(body), None, None,
+        np.zeros((rows, width)), np.zeros((rows, width)), np.zeros_like(body), None, None,
     )  # fmt: skip
 
 
@@ -731,7 +752,7 @@ def _choose_book(one: Any, visiting: Any, late: Any, early: Any, kicks: Any, car
     return _book_energy if hasattr(one.instance_class, "body_energy") else _book_pushing
 
 
-_channel = by_type(lambda one: BODIES, {Walls: lambda one: WALLS})
+_channel = by_type(lambda one: BODIES, {Walls: lambda one: WALLS, MeshRows: lambda one: WALLS})
 
 
 # books what of a force goes with the velocity
@@ -745,9 +766,51 @@ def _resist_by_wall(one, visiting, late, early):
     _add(visiting, WALL_DASHPOTS, late, early)
 
 
-_resist = by_type(_resist_by_drag, {Walls: _resist_by_wall})
+_resist = by_type(_resist_by_drag, {Walls: _resist_by_wall, MeshRows: _resist_by_wall})
 _account_bodies = by_type(
     _account_singles, {type(None): lambda bodies, account, kicks, laws, state, shapes, low, high, b: None}
+)
+
+
+@inlined
+def _account_still(one, visiting, axes, state, i, touch, spring, laws):
+    # the row behind all others never moves, as walls do not
+    return _account_at_face(one.rough, one, visiting, axes, state, i, touch, spring, laws, state.body.shape[0])
+
+
+@inlined
+def _account_moving(one, visiting, axes, state, i, touch, spring, laws):
+    row = state.body.shape[0] + 1 + touch.face
+    pair = _Ends(i, row, 0.0, 0.0, 0.0)
+    elastic, whole = normal_at_moving_wall(one, axes, state, i, touch)
+    damped = whole - elastic
+    late, early = _taken(visiting, laws, pair, (touch.x, touch.y, touch.z), _NOTHING, _NOTHING)
+    _add(visiting, WALLS, elastic * late, elastic * early)
+    _add(visiting, WALL_DASHPOTS, damped * late, damped * early)
+    _store(visiting, WALLS, energy_of_push(one, touch))
+    _compare_left(visiting, pair, elastic * late, elastic * early)
+    return damped * (late + early) + _account_at_face(
+        one.rough, one, visiting, axes, state, i, touch, spring, laws, row
+    )
+
+
+@inlined
+def _account_rough_face(rough, one, visiting, axes, state, i, touch, spring, laws, row):
+    slipping, normal = slipping_at_wall(one, axes, state, i, touch)
+    pair = _Ends(i, row, 0.0, 0.0, 0.0)
+    return _account_slipping(rough, visiting, laws, pair, slipping, spring, normal)
+
+
+# books what acts across a contact with a wall, the row that stands for it given; returns how much is dissipated
+_account_at_face = by_type(
+    _account_rough_face,
+    {type(None): lambda rough, one, visiting, axes, state, i, touch, spring, laws, row: 0.0},
+)
+# books what a visited wall does to a row; returns how much is dissipated
+_account_wall = by_type(_account_still, {MovingWall: _account_moving})
+_release_at_wall = by_type(
+    lambda rough, visiting, axes, spring: _release_springs(rough, visiting, axes, spring),
+    {type(None): lambda rough, visiting, axes, spring: None},
 )
 
 
@@ -755,23 +818,51 @@ _account_bodies = by_type(
 @inlined
 def _account_at_wall(visiting, one, axes, state, i, touch, spring, value):
     if touch.rho < touch.sigma:
-        slipping, normal = slipping_at_wall(one, axes, state, i, touch)
-        # the row behind all others never moves, as walls do not
-        pair = _Ends(i, state.body.shape[0], 0.0, 0.0, 0.0)
-        lost = _account_slipping(one.rough, visiting, value, pair, slipping, spring, normal)
-        _compare(visiting, pair, GAVE, -lost)
+        lost = _account_wall(one, visiting, axes, state, i, touch, spring, value)
+        _compare(visiting, _Ends(i, state.body.shape[0], 0.0, 0.0, 0.0), GAVE, -lost)
     else:
-        _release_springs(one.rough, visiting, axes, spring)
+        _release_at_wall(one.rough, visiting, axes, spring)
     return value
 
 
 @inlined
-def _account_walls(rough, account, kicks, laws, state, rows, b):
-    walk_walls(Accounting(account, kicks, b), rough, laws.axes, state, account.wall_nk, rows, laws)
+def _account_walls(visited, account, kicks, laws, state, rows, b):
+    walk_walls(Accounting(account, kicks, b), visited, laws.axes, state, account.wall_nk, rows, laws)
 
 
-# books what rough walls do across; nothing in a scene without
-_account_across_walls = by_type(lambda rough, account, kicks, laws, state, rows, b: None, {RoughWalls: _account_walls})
+# books what visited walls do to rows; nothing in a scene without
+_account_visited = by_type(lambda visited, account, kicks, laws, state, rows, b: None, {VisitedWalls: _account_walls})
+
+
+@device
+def _account_moved(faces, account, kicks, axes, rows):
+    """Set the mean velocities of faces in both kicks, and book what moves them and what they store."""
+    visiting, number_fk = Accounting(account, kicks, 0), faces.number_fk
+    for f in range(number_fk.shape[0]):
+        for a in range(len(axes)):
+            inverse = number_fk[f, INVERSE + a]
+            force, held, whole = number_fk[f, FORCE + a], number_fk[f, FACE_HELD + a], number_fk[f, WHOLE + a]
+            before = number_fk[f, (VELOCITY if kicks.at_start else HALF) + a]
+            between = before + kicks.late * inverse * whole
+            after = between + kicks.early * inverse * whole
+            late, early = 0.5 * (before + between), 0.5 * (between + after)
+            account.late_nk[rows + 1 + f, a] = late
+            account.early_nk[rows + 1 + f, a] = early
+            late *= kicks.late
+            early *= kicks.early
+            if inverse > 0.0:
+                # the dashpot's force as it was taken, at the velocity that was extrapolated
+                drag = number_fk[f, FACE_DRAG + a] * number_fk[f, VELOCITY + a]
+                _add(visiting, HELD_STRESS, held * late, held * early)
+                _add(visiting, PISTON_DASHPOTS, drag * late, drag * early)
+                _add(visiting, PISTONS, whole * late, whole * early)
+                _store(visiting, PISTONS, 0.5 / inverse * between * between)
+            else:
+                _add(visiting, MOVED_WALLS, -force * late, -force * early)
+
+
+# books what faces do that move; nothing in a scene without
+_account_faces = by_type(lambda faces, account, kicks, axes, rows: None, {Faces: _account_moved})
 
 
 @inlined
@@ -825,7 +916,7 @@ def _copy_at_walls(rough, wall_nk, rows):
     _copy(wall_nk, rough.stretch_nk, rows[0], rows[1])
 
 
-_copy_walls = by_type(lambda rough, wall_nk, rows: None, {RoughWalls: _copy_at_walls})
+_copy_walls = by_type(lambda rough, wall_nk, rows: None, {VisitedWalls: _copy_at_walls})
 
 
 @inlined
@@ -860,10 +951,13 @@ def _book_kicks(account, system, thread, blocks, pace, kicks, time):
         for c in range(WORST):
             account.worst_bk[b, c] = 0.0
         _account_rows(account, kicks, axes, state, row_b[b], row_b[b + 1], b)
+    if is_first(thread):
+        # in the first block, which is its own
+        _account_faces(faces_of(acting.walls), account, kicks, axes, state.body.shape[0])
     wait(thread)
     for b in range(blocks[0], blocks[1]):
         _account_bodies(acting.bodies, account, kicks, laws, state, acting.shapes, row_b[b], row_b[b + 1], b)
-        _account_across_walls(acting.walls, account, kicks, laws, state, (row_b[b], row_b[b + 1]), b)
+        _account_visited(acting.walls, account, kicks, laws, state, (row_b[b], row_b[b + 1]), b)
         _account_contacts(acting.pairs, account, kicks, springs, pairs, b)
         _account_of_bonds(space.bonds, account, kicks, now, space.frame.lattice_dd, b, 0)
     wait(thread)

@@ -22,7 +22,8 @@ from packmech.dynamics.account import (
     Account,
     new_account,
 )
-from packmech.dynamics.wall_friction import RoughWalls
+from packmech.dynamics.faces import face_number
+from packmech.dynamics.wall_friction import VisitedWalls, faces_of
 from packmech.minimize.passes.pair_list import Track
 from packmech.scene import Scene
 
@@ -163,9 +164,9 @@ def refuse_unknown(argument: str, scene: Scene) -> None:
 
 
 def make_book(
-    scene: Scene, body: NDArray[np.float64], width: int, blocks: int, walls: RoughWalls | None, every: int
+    scene: Scene, body: NDArray[np.float64], width: int, blocks: int, walls: VisitedWalls | None, every: int
 ) -> Book:
-    """Return the book of a scene's rows and rough walls, after refusing what a ledger does not know."""
+    """Return the book of a scene's rows and visited walls, after refusing what a ledger does not know."""
     refuse_unknown("scene.packing", scene)
-    account = new_account(body, width, blocks)
+    account = new_account(body, width, blocks, face_number(faces_of(walls)))
     return Book(account._replace(wall_nk=None if walls is None else np.empty_like(walls.stretch_nk)), every)

@@ -20,6 +20,7 @@ from packmech.dynamics.friction import frictions_at_contacts
 from packmech.effects import (
     BackgroundDamping,
     Friction,
+    Walls,
     held_velocity,
     langevin_of,
     law_scale,
@@ -143,7 +144,7 @@ class EnergyWatch:
     known
         `knows_its_energy` of the scene; unless it does, only numbers that are none are noticed.
     works
-        Whether the box deforms, or held particles are moved, and so work is done.
+        Whether the box deforms, or held particles or walls are moved, and so work is done.
     frictional
         Whether the scene has friction.
     every
@@ -214,10 +215,12 @@ class EnergyWatch:
 def watch_of(scene: Scene, strain: Strain | None, dt: float) -> EnergyWatch:
     """Return a watch for a scene stepped by dt in a box that deforms so, or does not."""
     often = steps_between_observations(strain, dt, scene.packing.particles, pace_of_held(scene))
-    works = bool(np.isfinite(often))
+    timed = bool(np.isfinite(often))
+    # walls that move keep count of the work done on them: it is part of the energy
+    works = timed or any(isinstance(one, Walls) and one.moves for one in scene.effects)
     frictional = is_frictional(scene)
-    apart = often if works else _APART
-    known = knows_its_energy(scene, strained=works and strain is not None)
+    apart = often if timed else _APART
+    known = knows_its_energy(scene, strained=timed and strain is not None)
     return EnergyWatch(energy_unit(scene), known, works, frictional, apart)
 
 
@@ -272,8 +275,8 @@ def moments_of(
             sliding = min(tangential - at_walls, held * float(row[columns.TOTAL]) ** 2 / contacts)
         sliding += min(at_walls, float(row[columns.HELD_AT_WALLS]))
         gone = released(float(row[columns.TIME]))
-        energy = row[columns.POTENTIAL] + tangential + gone
-        kinetic = row[columns.KINETIC] + row[columns.ROTATIONAL]
+        energy = row[columns.POTENTIAL] + tangential + gone + row[columns.BEHIND_FACES]
+        kinetic = row[columns.KINETIC] + row[columns.ROTATIONAL] + row[columns.OF_FACES]
         power, pressing = power_of(1.0, contact, -motion, rate)
         power += float(row[columns.MOVING])
         found.append(Moment(float(row[columns.TIME]), float(energy), sliding, float(kinetic), power, pressing, gone))

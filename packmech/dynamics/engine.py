@@ -41,6 +41,7 @@ from packmech.dynamics.deformation import (
     gamma_at,
     set_flow,
 )
+from packmech.dynamics.faces import Faces, restore_faces
 from packmech.dynamics.friction import Now, leading_share, spring_columns
 from packmech.dynamics.observables import COLUMNS, POTENTIAL, TANGENTIAL, Ledger, append_due, measure
 from packmech.dynamics.stability import step_condition
@@ -67,7 +68,7 @@ from packmech.dynamics.time_step import (
     Span,
     run_steps,
 )
-from packmech.dynamics.wall_friction import make_rough_walls, stretches_at_walls
+from packmech.dynamics.wall_friction import faces_of, make_visited_walls, stretches_at_walls
 from packmech.effects import (
     Bonds,
     Langevin,
@@ -78,6 +79,7 @@ from packmech.effects import (
     damps,
     held_particles,
     held_velocity,
+    in_loops,
     is_interaction,
     langevin_of,
     memory_columns,
@@ -87,6 +89,7 @@ from packmech.effects import (
     resistances,
     rough_walls,
     roughness_of,
+    visited_walls,
     wall_columns,
 )
 from packmech.jit.compiled import kernel
@@ -210,6 +213,12 @@ class Engine:
         )
 
     @property
+    def faces(self) -> Faces | None:
+        """The faces of walls that move; None where all stand still."""
+        found: Faces | None = faces_of(self.acting.walls)
+        return found
+
+    @property
     def rule(self) -> Rule:
         """How steps are taken; nothing may move by the smallest diameter in one of them."""
         return Rule(self.dt, self.second_order, 2.0 * float(self.state.body[:, 3].min()))
@@ -323,7 +332,8 @@ class Engine:
         if self.steps == 0 and given is not None:
             if self.track is not None:
                 self._set_springs(given)
-            if self.acting.walls is not None:
+            if rough_walls(self.scene.effects):
+                assert self.acting.walls is not None
                 used, columns = wall_columns(rough_walls(self.scene.effects), len(self.axes))
                 whole = given.at_walls(len(self.order_n), columns)
                 self.acting.walls.stretch_nk[:] = whole[self.order_n][:, used]
@@ -441,7 +451,7 @@ class Engine:
         if not self.started:
             self.begin()
         out, push = np.zeros(COLUMNS), None
-        if self.rattle is not None and self.track is None and self.space.bonds is None:
+        if self.rattle is not None and self.track is None and self.space.bonds is None and self.acting.walls is None:
             # links bear what dashpots do at the velocities now, not at those that a step extrapolated
             push = self.state.push.copy()
             self._take_forces()
@@ -579,6 +589,10 @@ class Engine:
         loops = Box(lattice)
         fraction = body[:, :d] @ loops.inverse_dd.T
         shift = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0).astype(np.int64)
+        for one in self.scene.effects:
+            if isinstance(one, Walls) and one.moves:
+                # what is between two walls stays there, wherever they go
+                shift[:, lattice[int(one.axis)] != 0.0] = 0
         change = np.eye(d, dtype=np.int64)
         if self.space.flow is not None:
             reduced, other = loops.reduced()
@@ -658,6 +672,8 @@ class Engine:
             found |= {f"stretch.{name}": value for name, value in held._asdict().items()}
         if self.acting.walls is not None:
             found["wall_stretch_nk"] = self.acting.walls.stretch_nk.copy()
+        if self.faces is not None:
+            found["face_fk"] = self.faces.number_fk.copy()
         if space.bonds is not None:
             found["bond_stretch_bk"] = bond_stretches(space.bonds)
         if self.breaks is not None:
@@ -752,6 +768,8 @@ class Engine:
             self.book.restore(saved, len(np.atleast_1d(arrays.get("engine.book.step_t", ()))))
         if self.acting.walls is not None:
             self.acting.walls.stretch_nk[:] = saved("wall_stretch_nk", self.acting.walls.stretch_nk)
+        if self.faces is not None:
+            restore_faces(self.faces, saved("face_fk", self.faces.number_fk))
         if self.rattle is not None:
             refill_rattle(self.rattle, state.body, space.frame.lattice_dd)
             self.rattle.number[:] = saved("link_number", self.rattle.number)
@@ -909,12 +927,22 @@ def build_engine(
     pairs = tuple(
         one for one in scene.effects if hasattr(type(one), "pair_energy") or damps(one) or is_interaction(one)
     )
-    bodies = tuple(one for one in scene.effects if hasattr(type(one), "body_force"))
+    moving = tuple(one for one in scene.effects if isinstance(one, Walls) and one.moves)
+    if moving and direction_dd is not None:
+        raise ValueError(
+            "scene.effects must hold no Walls that move where the box deforms, got "
+            f"{moving[0].low_motion!r} and {moving[0].high_motion!r}"
+        )
+    # walls that move push rows where these are walked past walls
+    bodies = tuple(in_loops(one) for one in scene.effects if hasattr(type(one), "body_force") and one not in moving)
     friction, bonds = roughness_of(scene.effects), bonds_of(scene.effects)
     langevin = _bath_of(scene, second_order)
     shapes, memory = packing.shapes, memory_columns(scene.effects)
-    walls = make_rough_walls(rough_walls(scene.effects), packing.particles, tuple(range(d)))
-    turns = friction is not None or bonds is not None or shapes.has_orientations or walls is not None
+    row_b = blocks_of(packing.particles)
+    walls = make_visited_walls(
+        visited_walls(scene.effects), packing.box, packing.particles, tuple(range(d)), len(row_b) - 1
+    )
+    turns = bool(friction is not None or bonds is not None or shapes.has_orientations or rough_walls(scene.effects))
     spins = 0 if not turns else 1 if d == 2 else 3
     lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
     order = space_order(packing)
@@ -978,7 +1006,7 @@ def build_engine(
             flow=flow,
             held=None if fixed_n is None else fixed_n[order],
         ),
-        pairs=empty_list(n, skin, reach_beyond_contact(scene.effects, packing), row_b=blocks_of(n), width=d + spins),
+        pairs=empty_list(n, skin, reach_beyond_contact(scene.effects, packing), row_b=row_b, width=d + spins),
         track=None
         if friction is None and not memory
         else empty_track(len(spring_columns(friction, tuple(range(d)))) + memory, most_beads(packing)),

@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.check import finite_array, particle_mask, positive
+from packmech.dynamics.faces import face_area
 from packmech.dynamics.friction import frictions_at_contacts, resistance_at_contacts, stiffening
 from packmech.effects import (
     Bonds,
     Friction,
+    HeldStress,
     Langevin,
+    MeshWalls,
     Rolling,
     TwistingResistance,
     Walls,
@@ -22,6 +25,7 @@ from packmech.effects import (
     is_bound,
     law_second,
     memory_size,
+    moved_along,
     pair_damping,
     remembered,
     remembered_energy,
@@ -124,8 +128,9 @@ def start_of_motion(packing: Packing, velocity_nd: Any, spin_nk: Any, held_n: An
 def choose_time_step(scene: Scene, fraction: float) -> float:
     """Return fraction times the shortest of sqrt(m / k), m / c and the time in which a bond is made and broken [time].
 
-    m is the smallest mass, k the largest stiffness, c the largest damping of whatever acts (`stiffness_and_damping`);
-    for bonds that jump see `_rate_of_jumps`. How far anything moves has no part in it.
+    And of the same for walls that hold a stress, see `_rate_of_pistons`. m is the smallest mass, k the largest
+    stiffness, c the largest damping of whatever acts (`stiffness_and_damping`); for bonds that jump see
+    `_rate_of_jumps`. How far anything moves has no part in it.
 
     Parameters
     ----------
@@ -139,6 +144,7 @@ def choose_time_step(scene: Scene, fraction: float) -> float:
     smallest = float(scene.packing.mass_n.min())
     # one over each of the three times
     fastest = max(math.sqrt(stiffest / smallest), most_damped / smallest + drag, _rate_of_jumps(scene))
+    fastest = max(fastest, _rate_of_pistons(scene))
     if not fastest > 0.0:
         raise ValueError("dt must be given for effects without stiffness, got None")
     return fraction / fastest
@@ -182,12 +188,13 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
                 stiff.append(abs(law_second(one.tension, rest, pair)))
             stiff.append(turned * one.tangential_stiffness)
             damped += [one.damping, turned * one.tangential_damping]
-        elif isinstance(one, Walls):
+        elif isinstance(one, Walls | MeshWalls):
+            wall = one.flat if isinstance(one, MeshWalls) else one
             # barely touching and pressed deep, as contacts are looked up
             for overlap in (_BARELY, _OVERLAPS[-1]):
-                stiff += [0.5 * steep * one.body_stiffness(0.5 * sigma, overlap) for sigma in sizes]
-            damped += [steep * one.body_damping(0.5 * sigma, smallest) for sigma in sizes]
-            across = one.resistances([0.5 * sigma for sigma in sizes], smallest)
+                stiff += [0.5 * steep * wall.body_stiffness(0.5 * sigma, overlap) for sigma in sizes]
+            damped += [steep * wall.body_damping(0.5 * sigma, smallest) for sigma in sizes]
+            across = wall.resistances([0.5 * sigma for sigma in sizes], smallest)
             stiff += [0.5 * turned * each.stiffness for each in across]
             damped += [0.5 * turned * each.damping for each in across]
         elif isinstance(one, Langevin):
@@ -226,6 +233,29 @@ def _rate_of_jumps(scene: Scene) -> float:
             if lost > 0.0 and reach > sigma:
                 speed = math.sqrt(4.0 * lost / float(packing.mass_n.min()))
                 fastest = max(fastest, speed / (reach - sigma))
+    return fastest
+
+
+def _rate_of_pistons(scene: Scene) -> float:
+    """Return one over the shortest time of a face that holds a stress [1/time]: of sqrt(M / (n k)) and of M / c.
+
+    n is the number of the smallest particles that find place at the face side by side, at most all, and k the stiffness
+    of a contact with it, or of its friction, where it is pressed deep.
+    """
+    packing, fastest = scene.packing, 0.0
+    radius = float(packing.radius_n.min())
+    section = 2.0 * radius if packing.dimension == 2 else math.pi * radius**2
+    for one in scene.effects:
+        for motion in (one.low_motion, one.high_motion) if isinstance(one, Walls) else ():
+            area = face_area(packing.box, int(one.axis))
+            number = min(packing.particles, math.ceil(area / section))
+            across = one.resistances([radius], float(packing.mass_n.min()))
+            for a, along in enumerate(moved_along(motion)):
+                if isinstance(along, HeldStress):
+                    stiff = [one.body_stiffness(radius, _OVERLAPS[-1])] if a == int(one.axis) else [0.0]
+                    stiff += [] if a == int(one.axis) else [each.stiffness for each in across]
+                    mass = along.inertia * area
+                    fastest = max(fastest, math.sqrt(number * max(stiff) / mass), along.damping / along.inertia)
     return fastest
 
 

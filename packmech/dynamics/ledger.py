@@ -53,13 +53,14 @@ class EnergyLedger:
     dt for velocity Verlet as long as forces do not jump. Works are against the mean velocities in a kick.
 
     Channels that store: "contacts", "interactions", springs of friction ("tangential"), "rolling", "twisting", "bonds",
-    "bond_tangential", "bodies" (potentials of single particles) and "walls". That dissipate: "normal_dashpots",
-    "tangential_dashpots", "sliding", "rolling", "twisting", "bond_dashpots", "breaking" (of bonds), "drag",
-    "wall_dashpots", "stiffness_changes" (what `Mindlin`'s springs lose as the normal force changes under them) and
-    "interactions" (what forming and breaking of `JKR` contacts and bridges takes). That do work: the deforming "box",
-    particles that are "held" and moved, single particles' forces without a potential ("pushing"), and the heat "bath"
-    of `Langevin`, friction and noise together. Springs and dashpots of rough walls are booked where those of contacts
-    are. What a scene lacks is left out.
+    "bond_tangential", "bodies" (potentials of single particles), "walls", and "pistons" (the kinetic energy of walls
+    that hold a stress). That dissipate: "normal_dashpots", "tangential_dashpots", "sliding", "rolling", "twisting",
+    "bond_dashpots", "breaking" (of bonds), "drag", "wall_dashpots", "piston_dashpots" (of walls that hold a stress),
+    "stiffness_changes" (what `Mindlin`'s springs lose as the normal force changes under them) and "interactions" (what
+    forming and breaking of `JKR` contacts and bridges takes). That do work: the deforming "box", particles that are
+    "held" and moved, walls that are moved at a given velocity ("moved_walls") and the "held_stress" of others, single
+    particles' forces without a potential ("pushing"), and the heat "bath" of `Langevin`, friction and noise together.
+    Springs and dashpots of rough walls are booked where those of contacts are. What a scene lacks is left out.
 
     Attributes
     ----------

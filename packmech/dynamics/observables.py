@@ -23,8 +23,9 @@ from packmech.dynamics.contact_forces import (
     pull_of_touch,
 )
 from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
+from packmech.dynamics.faces import measure_faces
 from packmech.dynamics.friction import Now
-from packmech.dynamics.wall_friction import energy_at_walls
+from packmech.dynamics.wall_friction import energy_at_moving_walls, energy_at_walls, faces_of
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
@@ -43,7 +44,9 @@ LINKED, LINK_ERROR = 57, 66
 MOVING = 67
 # energy of the springs at rough walls, part of TANGENTIAL, and what these can hold at their limits
 AT_WALLS, HELD_AT_WALLS = 68, 69
-COLUMNS = 70
+# kinetic energy of faces that hold stresses, and minus the work of what moves faces, which is none of POTENTIAL
+OF_FACES, BEHIND_FACES = 70, 71
+COLUMNS = 72
 
 
 @inlined
@@ -300,9 +303,11 @@ def measure_into(system, time, now, out):
     measure_bonds(space.bonds, laws, space.frame.lattice_dd, out)
     write_torques(out)
     out[POTENTIAL] += energy_of_bodies(acting.shapes, acting.bodies, state.body, state.mass_n)
+    out[POTENTIAL] += energy_at_moving_walls(acting.walls, axes, state)
     out[AT_WALLS], out[HELD_AT_WALLS] = energy_at_walls(acting.walls, axes, state, now)
     out[TANGENTIAL] += out[AT_WALLS]
     measure_motion(axes, state, laws.rates, out)
+    out[OF_FACES], out[BEHIND_FACES] = measure_faces(faces_of(acting.walls))
     out[MOVING] += power_of_turning(acting.bodies, axes, state, laws.rates)
     measure_spinning(acting.shapes, axes, state, out, ROTATIONAL, SPINNING)
     measure_links(system.links, axes, state, out)

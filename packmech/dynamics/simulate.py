@@ -25,7 +25,7 @@ from packmech.scene import Scene
 
 @honors(
     "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory "
-    "rough kinds"
+    "rough kinds moving mesh"
 )
 def simulate(
     scene: Scene,
@@ -162,7 +162,7 @@ def simulate(
 
 @honors(
     "repulsion damping friction rolling bonds interactions gravity walls drag noise held links shapes breaking memory "
-    "rough kinds"
+    "rough kinds moving mesh"
 )
 def resume(
     path: str | os.PathLike[str],

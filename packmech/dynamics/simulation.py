@@ -28,8 +28,10 @@ from packmech.dynamics.energy_drift import (
 from packmech.dynamics.engine import Engine, build_engine
 from packmech.dynamics.integrators import INTEGRATORS, Method, VelocityVerlet, checked_method, start_of_motion
 from packmech.dynamics.ledger import EnergyLedger, every_of, ledger_of
+from packmech.dynamics.moved_walls import FaceRows, MovedWalls
 from packmech.dynamics.observables import (
     ANGULAR,
+    BEHIND_FACES,
     BONDED,
     COLUMNS,
     CONTACTS,
@@ -38,6 +40,7 @@ from packmech.dynamics.observables import (
     LARGEST_FORCE,
     LINK_ERROR,
     MOMENTUM,
+    OF_FACES,
     POTENTIAL,
     RATE,
     ROTATIONAL,
@@ -174,7 +177,8 @@ class Simulation(Run):
         The time step [time].
     energy_drift
         Energy at the end less that at the start, over the largest |potential| + kinetic energy seen [1]. With dashpots
-        it holds what they took, without it is the method's error. What breaking bonds released counts as still there.
+        it holds what they took, without it is the method's error. What breaking bonds released counts as still there,
+        and so does the kinetic energy of walls that move, less the work of what moves them.
     momentum_error
         Largest change of the total momentum seen, over the largest sum of m |v| [1].
     link_error
@@ -193,6 +197,8 @@ class Simulation(Run):
         Those that broke; None where no bond of the scene may break.
     ledger
         Where the energy went; None unless it was asked for.
+    walls
+        Where walls were that move, and the stress at them; None where all stand still.
 
     """
 
@@ -208,6 +214,7 @@ class Simulation(Run):
     bonds: Bonds | None = None
     broken_bonds: BrokenBonds | None = None
     ledger: EnergyLedger | None = None
+    walls: MovedWalls | None = None
 
     def about(self) -> dict[str, Any]:
         """Return what a table of this run says of it."""
@@ -244,6 +251,7 @@ class Simulation(Run):
             "strain": self.strain,
             **self._speeds(),
             **numbers_of_broken(self.broken_bonds),
+            **({} if self.walls is None else {"walls": self.walls.to_dict()}),
         }
         trace = self.trace
         if isinstance(trace, MotionTrace):
@@ -311,6 +319,7 @@ class Simulation(Run):
             ]
         rows += self._speed_rows(numbers)
         rows += rows_of_broken(self.broken_bonds)
+        rows += [] if self.walls is None else self.walls.rows()
         if self.packing.links:
             rows.append(("link error", f"{numbers['link_error']:.1e}", "largest, over the length of the link"))
         rows.append(("packing fraction", f"{numbers['packing_fraction']:.8f}", "overlaps counted twice"))
@@ -595,6 +604,8 @@ class SimulationTask:
             threads=loop.settings.threads,
             ledger_every=every_of(settings.trace_every, settings.steps) if settings.ledger else None,
         )
+        kept_every = every_of(settings.trace_every, settings.steps)
+        self.faces = None if self.engine.faces is None else FaceRows(self.engine, kept_every)
         self.direction_dd = np.zeros((d, d)) if strain is None else strain.direction(d)
         self.build_seconds = time.process_time() - self.began
         self.seconds_before = 0.0
@@ -650,6 +661,8 @@ class SimulationTask:
             due = self.settings.steps - steps
             if every is not None:
                 due = min(due, every - steps % every)
+            if self.faces is not None:
+                due = min(due, self.faces.until_next(steps))
             self.end = steps + int(min(due, self.observe_every))
         return self.end
 
@@ -682,10 +695,13 @@ class SimulationTask:
         self.state, self.orientation_nq = (engine.positions(), engine.velocities()), engine.orientations()
         self.box, self.spin_nk, self.tension_l = engine.box(), engine.spins(), engine.tensions()
         moved = float(np.abs(now[MOMENTUM : MOMENTUM + d] - self.start[MOMENTUM : MOMENTUM + d]).max())
-        potential, kinetic = float(now[POTENTIAL] + now[TANGENTIAL]), float(now[KINETIC] + now[ROTATIONAL])
-        seen = {"energy": abs(potential) + kinetic, "impulse": float(now[IMPULSE]), "momentum": moved}
+        potential = abs(float(now[POTENTIAL] + now[TANGENTIAL])) + abs(float(now[BEHIND_FACES]))
+        kinetic = float(now[KINETIC] + now[ROTATIONAL] + now[OF_FACES])
+        seen = {"energy": potential + kinetic, "impulse": float(now[IMPULSE]), "momentum": moved}
         for name, value in {**seen, "link": float(now[LINK_ERROR])}.items():
             largest[name] = max(largest[name], value)
+        if self.faces is not None:
+            self.faces.keep()
         every = self.settings.trace_every
         if every is not None and (engine.steps % every == 0 or engine.steps == self.settings.steps):
             self.kept.append((engine.steps, now))
@@ -713,6 +729,7 @@ class SimulationTask:
     def index_bounds(self) -> dict[str, IndexBounds]:
         """Return what the saved arrays of integers may hold."""
         kept = {"kept_step_t": IndexBounds(0, 1 << 62, (None,))}
+        kept |= {} if self.faces is None else self.faces.index_bounds()
         return self.engine.index_bounds() | kept | snapshot_bounds(*self.scene.packing.position_nd.shape)
 
     def arrays(self) -> Arrays:
@@ -725,6 +742,8 @@ class SimulationTask:
         arrays["kept_row_tk"] = np.array([row for _, row in self.kept]).reshape(-1, COLUMNS)
         arrays["kept_step_t"] = np.array([step for step, _ in self.kept], dtype=np.int64)
         arrays |= added_arrays(self.added)
+        if self.faces is not None:
+            arrays |= self.faces.arrays()
         if self.position_t is not None:
             shape = (-1, *self.scene.packing.position_nd.shape)
             arrays["kept_position_tnd"] = np.array(self.position_t).reshape(shape)
@@ -759,6 +778,8 @@ class SimulationTask:
         # the last step of a run that goes on is kept no longer, unless its turn has come
         chosen = [t for t, step in enumerate(step_t) if every is not None and step % every == 0]
         self.kept = [(step_t[t], row_tk[t]) for t in chosen]
+        if self.faces is not None:
+            self.faces.restore(arrays)
         added = added_rows(arrays, len(step_t), d)
         self.added = [added[t] for t in chosen]
         if self.position_t is not None:
@@ -818,6 +839,7 @@ class SimulationTask:
             held_n=self._held(),
             **bonds_at(self.engine, self.reached),
             ledger=ledger_of(self.engine),
+            walls=None if self.faces is None else self.faces.moved_walls(),
             unmet=unmet_conditions(
                 outcome, *self.engine.limits(), Condition("steps", self.reached, settings.steps, 0.0)
             ),

@@ -25,7 +25,7 @@ from packmech.dynamics.observables import (
     link_stress,
     tensors,
 )
-from packmech.effects import Bonds, ContactDamping, Friction, Rolling, TwistingResistance, Walls
+from packmech.effects import Bonds, ContactDamping, Friction, MeshWalls, Rolling, TwistingResistance, Walls
 from packmech.minimize.passes.kernels import RUNNING
 from packmech.result import Condition, Outcome
 from packmech.scene import Scene
@@ -40,7 +40,7 @@ def with_dashpot(scene: Scene) -> tuple[Scene, float]:
     It is .3 sqrt(k m) [mass/time], k the stiffness of a contact and m the mean mass, and 0 where the scene's own
     dashpots have a tenth of that, or a background drag as much for a particle. Where all is at rest it does nothing.
     """
-    across = Friction | Rolling | TwistingResistance | Bonds | Walls
+    across = Friction | Rolling | TwistingResistance | Bonds | Walls | MeshWalls
     pairs = scene.replace(effects=tuple(one for one in scene.effects if not isinstance(one, across)))
     stiff, damped, drag = stiffness_and_damping(pairs)
     mass = float(scene.packing.mass_n.mean())

@@ -17,10 +17,11 @@ from packmech.dynamics.breaking import limits_of, some_bond_breaks
 from packmech.dynamics.by_shape import contact_axes, dragged_to, push_on_row, turn_shapes
 from packmech.dynamics.contact_forces import contacts_of_block, laws_of
 from packmech.dynamics.deformation import ALONG_X, flow_to, gamma_at, maps_of_step, turning, with_scratch
+from packmech.dynamics.faces import finish_faces, move_faces, push_faces
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
-from packmech.dynamics.wall_friction import push_of_rough_walls
+from packmech.dynamics.wall_friction import faces_of, push_of_walls
 from packmech.effects import spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
@@ -41,7 +42,7 @@ WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2
 
 
 class Acting(NamedTuple):
-    """What acts: effects on pairs and on single particles, friction, the shapes they act on, and rough walls.
+    """What acts: effects on pairs and on single particles, friction, the shapes they act on, and visited walls.
 
     None for what a scene lacks.
     """
@@ -343,7 +344,8 @@ def kick_and_drift(system, thread, rows, time, rule, split):
     status = RUNNING
     if is_first(thread):
         moved = rattle_positions(links, axes, state.body, state.half, lattice, rule.dt, split.ahead, moved)
-        if not moved < rule.reach:
+        # written so that a number that is none is too large
+        if not (moved < rule.reach and move_faces(faces_of(system.acting.walls), split) < rule.reach):
             status = TOO_FAST
         else:
             move_box(space.flow, space.frame, pairs, time + rule.dt)
@@ -361,10 +363,12 @@ def take_forces(system, thread, blocks, pace):
     laws, row_b, push = laws_of(system, pace), pairs.row_b, state.push
     for b in range(blocks[0], blocks[1]):
         body_forces(acting.shapes, acting.bodies, axes, state, laws.rates, (row_b[b], row_b[b + 1]))
-        push_of_rough_walls(acting.walls, axes, state, pace, (row_b[b], row_b[b + 1]))
+        push_of_walls(acting.walls, axes, state, pace, (row_b[b], row_b[b + 1]), b)
         contacts_of_block(acting.pairs, laws, push, pairs, b)
         bonds_of_block(space.bonds, laws, push, space.frame.lattice_dd, b)
     wait(thread)
+    if is_first(thread):
+        push_faces(faces_of(acting.walls))
     # where bonds or walls alone turn particles, contacts leave no torques in slots
     spins = contact_axes(acting.shapes, acting.friction, axes)
     for b in range(blocks[0], blocks[1]):
@@ -403,6 +407,8 @@ def take_steps(system, ledger, thread, span, rule):
         kicks = Kicks(split.late, split.early, False)
         book_kicks(system.account, system, thread, blocks, pace, kicks, (step + 1) * rule.dt)
         _finish_kick(axes, state, rows, split.late)
+        if is_first(thread):
+            finish_faces(faces_of(system.acting.walls), split.late)
         if rule.second_order:
             project_velocities(thread, links, axes, state.body, state.half)
         start = WHOLE_STEP

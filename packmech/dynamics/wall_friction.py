@@ -1,8 +1,9 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""What walls do across: friction, and resistance to rolling and twisting. A scene without rough walls has none of it.
+"""What walls do across: friction, and resistance to rolling and twisting; and all that walls do that move.
 
-The push of walls is that of `Walls.body_force`. A contact with a wall at rest slips as one with a row of no spin would,
-whose arm is nothing: i is the particle, n points to the wall.
+Walls that stand still push by `Walls.body_force`, and are visited here only where they are rough. A contact with a wall
+slips as one with a row of no spin would, which moves as the wall does and whose arm is nothing: i is the particle, n
+points to the wall.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
+from packmech.box import Box
 from packmech.dynamics.contact_records import write_springs
+from packmech.dynamics.faces import PLACE, VELOCITY, clear_faces, load_face, make_faces
 from packmech.dynamics.friction import (
     Pull,
     Slipping,
@@ -36,6 +39,7 @@ from packmech.effects import (
     RoughContacts,
     ViscousRolling,
     Walls,
+    first_on_wall,
     law_energy,
     law_first,
     law_second,
@@ -49,17 +53,30 @@ from packmech.jit.compiled import inlined, lean
 
 
 class RoughWall(NamedTuple):
-    """Walls, and what acts across contacts with them: friction, with what resists rolling and twisting if anything."""
+    """Walls that stand still, and what acts across contacts: friction, with what resists rolling and twisting."""
 
     wall: Walls
     rough: Any
 
 
-class RoughWalls(NamedTuple):
-    """The rough walls of a scene, and the stretches of the springs of each row: of each wall, low then high."""
+class MovingWall(NamedTuple):
+    """Walls that move, what acts across contacts with them (None where they are smooth), and which faces they are."""
+
+    wall: Walls
+    rough: Any
+    faces: Any
+    first: int
+
+
+class VisitedWalls(NamedTuple):
+    """The walls that rows are walked past, the stretches of the springs of each row, and the faces that move.
+
+    Of each wall low, then high; faces are None where all stand still.
+    """
 
     walls: Any
     stretch_nk: Any
+    faces: Any
 
 
 class WallTouch(NamedTuple):
@@ -72,29 +89,88 @@ class WallTouch(NamedTuple):
     sigma: float
 
 
-def make_rough_walls(walls: tuple[Walls, ...], rows: int, axes: tuple[int, ...]) -> RoughWalls | None:
-    """Return the rough walls of a scene with slack springs; None where there are none."""
-    found = tuple(RoughWall(one, one.roughness) for one in walls)
+class MovingTouch(NamedTuple):
+    """The same with a wall that moves: its velocity, and the number of the face."""
+
+    x: float
+    y: float
+    z: float
+    rho: float
+    sigma: float
+    u: float
+    v: float
+    w: float
+    face: int
+
+
+def make_visited_walls(
+    walls: tuple[Walls, ...], box: Box, rows: int, axes: tuple[int, ...], blocks: int
+) -> VisitedWalls | None:
+    """Return rough walls and walls that move, with slack springs; None where there are none."""
+    faces, first = make_faces(walls, box, blocks), 0
+    found: list[MovingWall | RoughWall] = []
+    for one in walls:
+        if one.moves:
+            found.append(MovingWall(one.still, one.roughness, faces, first))
+            first += SIDES
+        else:
+            found.append(RoughWall(one, one.roughness))
     columns = sum(SIDES * len(spring_columns(one.rough, axes)) for one in found)
-    return RoughWalls(found, np.zeros((rows, columns))) if found else None
+    return VisitedWalls(tuple(found), np.zeros((rows, columns)), faces) if found else None
 
 
 @inlined
-def _distance(wall, body, i, side):
-    """Return how far the center of a row is from a wall, and the axis and the sign of the direction to it."""
-    axis = int(wall.axis)
-    if side == 0:
-        return body[i, axis] - wall.low, axis, -1.0
-    return wall.high - body[i, axis], axis, 1.0
+def _unit(axis, sign):
+    return sign if axis == 0 else 0.0, sign if axis == 1 else 0.0, sign if axis == 2 else 0.0
 
 
 @inlined
-def _touch(wall, body, i, side):
-    distance, axis, sign = _distance(wall, body, i, side)
-    x = sign if axis == 0 else 0.0
-    y = sign if axis == 1 else 0.0
-    z = sign if axis == 2 else 0.0
+def _touch_still(one, body, i, side):
+    wall, axis = one.wall, int(one.wall.axis)
+    x, y, z = _unit(axis, -1.0 if side == 0 else 1.0)
+    distance = body[i, axis] - wall.low if side == 0 else wall.high - body[i, axis]
     return WallTouch(x, y, z, 2.0 * distance, 2.0 * body[i, 3])
+
+
+@inlined
+def _touch_moving(one, body, i, side):
+    number_fk, axis, face = one.faces.number_fk, int(one.wall.axis), one.first + side
+    x, y, z = _unit(axis, -1.0 if side == 0 else 1.0)
+    distance = body[i, axis] - number_fk[face, PLACE] if side == 0 else number_fk[face, PLACE] - body[i, axis]
+    u, v, w = number_fk[face, VELOCITY], number_fk[face, VELOCITY + 1], number_fk[face, VELOCITY + 2]
+    return MovingTouch(x, y, z, 2.0 * distance, 2.0 * body[i, 3], u, v, w, face)
+
+
+# the contact of a row with a side of a wall, whether it touches it or not
+_touch = by_type(_touch_still, {MovingWall: _touch_moving})
+
+
+@inlined
+def _from_still(touch, axes, body, i):
+    return -body[i, 4], -body[i, 5], -body[i, 6] if len(axes) == 3 else 0.0
+
+
+@inlined
+def _from_moving(touch, axes, body, i):
+    return touch.u - body[i, 4], touch.v - body[i, 5], touch.w - body[i, 6] if len(axes) == 3 else 0.0
+
+
+# the velocity of a wall, relative to a row
+_velocity_to = by_type(_from_still, {MovingTouch: _from_moving})
+
+
+@inlined
+def _rate_of(touch, u):
+    """Return the rate of the distance between a particle and its image in a wall that it sees move at u."""
+    return 2.0 * (u[0] * touch.x + u[1] * touch.y + u[2] * touch.z)
+
+
+@inlined
+def normal_at_moving_wall(one, axes, state, i, touch):
+    """Return the derivative of the law at a contact with a wall that moves, and that with the dashpot's force."""
+    rate, sigma = _rate_of(touch, _velocity_to(touch, axes, state.body, i)), touch.sigma
+    whole = first_on_wall(one.wall, touch.rho, sigma, rate, 0.5 * state.mass_n[i])
+    return law_first(one.wall.law, touch.rho, equal_partners(sigma)), whole
 
 
 @inlined
@@ -155,8 +231,8 @@ _turns_at_wall = by_type(_no_turns, {RoughContacts: _turns})
 def slipping_at_wall(one, axes, state, i, touch):
     """Return how a row that touches a wall slips on it, and the normal force."""
     body, wall, rough = state.body, one.wall, one.rough
-    u = -body[i, 4], -body[i, 5], -body[i, 6] if len(axes) == 3 else 0.0
-    rate = 2.0 * (u[0] * touch.x + u[1] * touch.y + u[2] * touch.z)
+    u = _velocity_to(touch, axes, body, i)
+    rate = _rate_of(touch, u)
     here = _friction_here(rough, wall, touch, rate, 0.5 * state.mass_n[i])
     wi = spin_of_round(axes, body, i)
     # no line of centers turns: the distance of the slip is left out
@@ -191,37 +267,71 @@ def walk_walls(visitor, rough, axes, state, stretch_nk, rows, value):
         column = 0
         for one in literal_unroll(rough.walls):
             for side in range(SIDES):
-                touch = _touch(one.wall, state.body, i, side)
+                touch = _touch(one, state.body, i, side)
                 value = visit_wall(visitor, one, axes, state, i, touch, Spring(stretch_nk, i, column), value)
                 column += len(spring_columns(one.rough, axes))
     return value
 
 
 class _Pushing(NamedTuple):
-    """The visitor that adds forces and torques to rows."""
+    """The visitor that adds forces and torques to the rows of a block."""
 
     pace: Any
+    b: Any
+
+
+@inlined
+def _push_across(one, pushing, axes, state, i, touch, spring):
+    _, pull = _pull(one, axes, state, i, touch, spring, pushing.pace)
+    add_force(axes, state.spins, state.push, i, pull)
+
+
+@inlined
+def _push_and_load(rough, one, pushing, axes, state, i, touch, spring):
+    _, pull = _pull(one, axes, state, i, touch, spring, pushing.pace)
+    add_force(axes, state.spins, state.push, i, pull)
+    load_face(one.faces, pushing.b, touch.face, pull.fx, pull.fy, pull.fz)
+
+
+# what a wall that moves does across to a row
+_push_rough = by_type(_push_and_load, {type(None): lambda rough, one, pushing, axes, state, i, touch, spring: None})
+
+
+@inlined
+def _push_by_moving(one, pushing, axes, state, i, touch, spring):
+    _, first = normal_at_moving_wall(one, axes, state, i, touch)
+    fx, fy, fz = first * touch.x, first * touch.y, first * touch.z
+    state.push[i, 0] += fx
+    state.push[i, 1] += fy
+    if len(axes) == 3:
+        state.push[i, 2] += fz
+    load_face(one.faces, pushing.b, touch.face, fx, fy, fz)
+    _push_rough(one.rough, one, pushing, axes, state, i, touch, spring)
+
+
+# what a wall does to a row that touches it, but for the push of one that stands still
+_push_touching = by_type(_push_across, {MovingWall: _push_by_moving})
 
 
 @visit_wall.form(_Pushing)
 @inlined
 def _push_row(pushing, one, axes, state, i, touch, spring, value):
     if touch.rho < touch.sigma:
-        _, pull = _pull(one, axes, state, i, touch, spring, pushing.pace)
-        add_force(axes, state.spins, state.push, i, pull)
+        _push_touching(one, pushing, axes, state, i, touch, spring)
     else:
         relax(one.rough, axes, spring)
     return value
 
 
 @inlined
-def _nothing(rough, axes, state, pace, rows):
+def _nothing(visited, axes, state, pace, rows, b):
     return None
 
 
 @inlined
-def _push(rough, axes, state, pace, rows):
-    walk_walls(_Pushing(pace), rough, axes, state, rough.stretch_nk, rows, 0)
+def _push(visited, axes, state, pace, rows, b):
+    clear_faces(visited.faces, b)
+    walk_walls(_Pushing(pace, b), visited, axes, state, visited.stretch_nk, rows, 0)
 
 
 @inlined
@@ -273,15 +383,59 @@ class _Summing(NamedTuple):
     now: Any
 
 
+@inlined
+def _springs_there(rough, summing, one, axes, state, i, touch, spring):
+    here, pull = _pull(one, axes, state, i, touch, spring, summing.now)
+    return _energy_of_springs(rough, here, pull), _held_there(rough, here, pull.normal)
+
+
+_springs_at = by_type(
+    _springs_there, {type(None): lambda rough, summing, one, axes, state, i, touch, spring: (0.0, 0.0)}
+)
+
+
 @visit_wall.form(_Summing)
 @inlined
 def _sum_row(summing, one, axes, state, i, touch, spring, value):
     energy, held = value
     if touch.rho < touch.sigma:
-        here, pull = _pull(one, axes, state, i, touch, spring, summing.now)
-        energy += _energy_of_springs(one.rough, here, pull)
-        held += _held_there(one.rough, here, pull.normal)
+        more = _springs_at(one.rough, summing, one, axes, state, i, touch, spring)
+        energy += more[0]
+        held += more[1]
     return energy, held
+
+
+class _SummingPushes(NamedTuple):
+    """The visitor that adds up the energies of contacts with walls that move, half that of a particle and image."""
+
+
+@inlined
+def _no_push_energy(one, touch):
+    return 0.0
+
+
+@inlined
+def _push_energy(one, touch):
+    return 0.5 * law_energy(one.wall.law, touch.rho, equal_partners(touch.sigma))
+
+
+# the energy of the push of a wall that moves; that of others is counted where single particles are
+energy_of_push = by_type(_no_push_energy, {MovingWall: _push_energy})
+
+
+@visit_wall.form(_SummingPushes)
+@inlined
+def _sum_push(summing, one, axes, state, i, touch, spring, value):
+    return value + energy_of_push(one, touch) if touch.rho < touch.sigma else value
+
+
+@inlined
+def _sum_pushes(faces, visited, axes, state):
+    rows = 0, state.body.shape[0]
+    return walk_walls(_SummingPushes(), visited, axes, state, visited.stretch_nk, rows, 0.0)
+
+
+_pushes_of = by_type(_sum_pushes, {type(None): lambda faces, visited, axes, state: 0.0})
 
 
 @inlined
@@ -302,12 +456,20 @@ class _Writing(NamedTuple):
     stretch_nk: Any
 
 
+@inlined
+def _write_springs(rough, writing, one, axes, state, i, touch, spring):
+    _, pull = _pull(one, axes, state, i, touch, spring, writing.now)
+    write_springs(rough, axes, writing.stretch_nk, i, spring.k, pull)
+
+
+_write_at = by_type(_write_springs, {type(None): lambda rough, writing, one, axes, state, i, touch, spring: None})
+
+
 @visit_wall.form(_Writing)
 @inlined
 def _write_row(writing, one, axes, state, i, touch, spring, value):
     if touch.rho < touch.sigma:
-        _, pull = _pull(one, axes, state, i, touch, spring, writing.now)
-        write_springs(one.rough, axes, writing.stretch_nk, i, spring.k, pull)
+        _write_at(one.rough, writing, one, axes, state, i, touch, spring)
     return value
 
 
@@ -328,7 +490,14 @@ def stretches_at_walls(system: Any, now: Any) -> NDArray[np.float64]:
     return found
 
 
-# adds what rough walls do across to rows whose push holds all else that acts on single ones
-push_of_rough_walls = by_type(_nothing, {RoughWalls: _push})
+# adds what visited walls do to rows of a block whose push holds all else that acts on single ones, and loads faces
+push_of_walls = by_type(_nothing, {VisitedWalls: _push})
 # the energy of the springs of rough walls, and what they can hold at their caps
-energy_at_walls = by_type(_no_sums, {RoughWalls: _sum_energy})
+energy_at_walls = by_type(_no_sums, {VisitedWalls: _sum_energy})
+# the energy of contacts with walls that move
+energy_at_moving_walls = by_type(
+    lambda visited, axes, state: 0.0,
+    {VisitedWalls: lambda visited, axes, state: _pushes_of(visited.faces, visited, axes, state)},
+)
+# the faces of visited walls; None without
+faces_of = by_type(lambda visited: None, {VisitedWalls: lambda visited: visited.faces})

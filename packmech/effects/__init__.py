@@ -18,6 +18,7 @@ from packmech.effects.body import (
     refuse_walls,
     rough_walls,
     spin_drag,
+    visited_walls,
     wall_columns,
 )
 from packmech.effects.bonds import (
@@ -80,6 +81,7 @@ from packmech.effects.laws import (
     law_second,
     registered_laws,
 )
+from packmech.effects.mesh import MeshRows, MeshWalls, in_loops
 from packmech.effects.pair import (
     ContactLengths,
     ContactTerms,
@@ -98,6 +100,7 @@ from packmech.effects.pair import (
     pair_energy,
     pair_first,
     pair_second,
+    plain_record,
     registered_effects,
     under_cap,
 )
@@ -136,6 +139,7 @@ from packmech.effects.single import (
     total_push,
     wall_sides,
 )
+from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 
 __all__ = [
     "BY_KIND",
@@ -160,12 +164,15 @@ __all__ = [
     "Friction",
     "Gravity",
     "Harmonic",
+    "HeldStress",
     "Hertz",
     "Interactions",
     "JKR",
     "Langevin",
     "Law",
     "LinearSpring",
+    "MeshRows",
+    "MeshWalls",
     "Mindlin",
     "Partners",
     "PlateauRepulsion",
@@ -188,6 +195,7 @@ __all__ = [
     "TwistingResistance",
     "ViscoelasticDamping",
     "ViscousRolling",
+    "WallMotion",
     "WallSide",
     "Walls",
     "acting_contacts",
@@ -217,6 +225,7 @@ __all__ = [
     "friction_or_zero",
     "held_particles",
     "held_velocity",
+    "in_loops",
     "interaction_law",
     "interactions_of",
     "is_bound",
@@ -235,12 +244,14 @@ __all__ = [
     "memory_columns",
     "memory_size",
     "mindlin_stiffness",
+    "moved_along",
     "needs_second",
     "pair_damping",
     "pair_energy",
     "pair_first",
     "pair_second",
     "partners_of",
+    "plain_record",
     "reach_beyond_contact",
     "refuse_curvature_of_shapes",
     "refuse_free_fall",
@@ -268,6 +279,7 @@ __all__ = [
     "total_push",
     "twisting_of",
     "under_cap",
+    "visited_walls",
     "wall_columns",
     "wall_sides",
 ]

@@ -24,6 +24,7 @@ from packmech.effects.rolling import (
     roughness_of,
     springs_of,
 )
+from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 from packmech.jit.compiled import compiled_form, device
 from packmech.packing import Packing
 
@@ -146,8 +147,11 @@ class Walls(NamedTuple):
     2 c of its dashpot at the particle's speed. A scene whose contacts have friction, or resist rolling, must say what
     its walls do: Friction(0.0) makes them smooth. Rough walls touch discs and spheres, in a box that does not deform.
 
-    Walls stand still. The box goes on behind them: it must be longer than from wall to wall by more than particles
-    press into both, or these touch each other through the walls.
+    Walls stand still, but for faces that are given a motion: with a velocity, or a stress that they hold
+    (`WallMotion`). `pm.simulate` moves them, in a box that does not deform, and discs or spheres between them; calls of
+    what is at rest refuse them. The box goes on behind the walls: it must be longer than from wall to wall by more than
+    particles press into both, or these touch each other through the walls. What begins with a packing takes particles
+    where they are in the cell: walls belong into it.
 
     Its numbers are checked when a `Scene` is made with it.
 
@@ -166,6 +170,9 @@ class Walls(NamedTuple):
     rolling, twisting
         `RollingResistance`, `ConstantRolling` or `ViscousRolling`, and `TwistingResistance` of the walls, tables of
         these kinds; none unless given.
+    low_motion, high_motion
+        `WallMotion` of either face, in scene files { x = 0.1, y = { stress = -1e-3, inertia = 10.0 } }; it stands
+        still unless given.
 
     """
 
@@ -177,13 +184,25 @@ class Walls(NamedTuple):
     friction: Friction | None = None
     rolling: Rolling | None = None
     twisting: TwistingResistance | None = None
+    low_motion: WallMotion | None = None
+    high_motion: WallMotion | None = None
 
     acts_as = "walls"  # type: ignore[misc]
 
     @property
     def acts_also(self) -> tuple[str, ...]:
         """Columns of the table of effects beside "walls"."""
-        return () if self.roughness is None else ("rough",)
+        return (*(() if self.roughness is None else ("rough",)), *(("moving",) if self.moves else ()))
+
+    @property
+    def moves(self) -> bool:
+        """Whether a face is given a motion."""
+        return self.low_motion is not None or self.high_motion is not None
+
+    @property
+    def still(self) -> Walls:
+        """The same walls, standing still where they are."""
+        return self._replace(low_motion=None, high_motion=None)
 
     @property
     def roughness(self) -> Friction | RoughContacts | None:
@@ -200,6 +219,9 @@ class Walls(NamedTuple):
             if value is not None and not isinstance(value, kinds):
                 words = ", ".join(f"{kind.__name__}(...)" for kind in kinds)
                 return f"{name} must be {words} or None, got {value!r}"
+        for name, value in (("low_motion", self.low_motion), ("high_motion", self.high_motion)):
+            if value is not None and not isinstance(value, WallMotion):
+                return f"{name} must be WallMotion(...) or None, got {value!r}"
         return "" if self.low < self.high else f"high must be above low ({self.low!r}), got {self.high!r}"
 
     def body_force(
@@ -302,6 +324,11 @@ def rough_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:
     return tuple(one for one in effects if isinstance(one, Walls) and one.roughness is not None)
 
 
+def visited_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:
+    """Return the walls that push rows by more than a still and smooth one does: rough ones, and those that move."""
+    return tuple(one for one in effects if isinstance(one, Walls) and (one.roughness is not None or one.moves))
+
+
 def wall_columns(walls: tuple[Walls, ...], dimension: int) -> tuple[list[int], int]:
     """Return which columns of `TangentialDisplacements.wall_stretch_wk` rough walls use, and how many there are.
 
@@ -330,6 +357,19 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
 
     """
     for k, one in enumerate(effects):
+        if getattr(one, "acts_as", None) == "mesh" and (packing.dimension == 2 or packing.shapes.has_orientations):
+            what = "discs" if packing.dimension == 2 else packing.shapes.names[1]
+            raise ValueError(
+                f"effects[{k}] must be no MeshWalls for {what}: they take spheres, got {len(one)} triangles"
+            )
+        if getattr(one, "acts_as", None) == "mesh" and one.friction is None:
+            rough = tuple(kind for kinds in ROUGHNESS.values() for kind in kinds)
+            found = next((m for m, other in enumerate(effects) if isinstance(other, rough)), None)
+            if found is not None:
+                raise ValueError(
+                    f"effects[{k}].friction of MeshWalls must be Friction(0.0) where contacts have "
+                    f"{type(effects[found]).__name__} (effects[{found}]), as the surface is smooth, got None"
+                )
         if getattr(one, "acts_as", None) != "walls":
             continue
         for name, kinds in ROUGHNESS.items():
@@ -354,6 +394,15 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
                 f"effects[{k}] must be smooth Walls, with friction=pm.Friction(0.0), for {packing.shapes.names[1]}: "
                 f"rough ones touch discs and spheres, got {one.roughness!r}"
             )
+        if one.moves and packing.shapes.has_orientations:
+            raise ValueError(
+                f"effects[{k}] must be Walls that stand still for {packing.shapes.names[1]}: those that move push "
+                f"discs and spheres, got {one.low_motion!r} and {one.high_motion!r}"
+            )
+        for name in ("low_motion", "high_motion"):
+            beyond = moved_along(getattr(one, name))[packing.dimension :]
+            if any(beyond):
+                raise ValueError(f"effects[{k}].{name}.z must be zero in a plane, got {beyond[0]!r}")
         if one.twisting is not None and packing.dimension == 2:
             raise ValueError(
                 f"effects[{k}].twisting must be None in a plane, where nothing twists, got {one.twisting!r}"
@@ -361,7 +410,12 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
 
 
 # fields that may be negative
-SIGNED = {Gravity: ("x", "y", "z"), Walls: ("low", "high")}
+SIGNED = {
+    Gravity: ("x", "y", "z"),
+    Walls: ("low", "high"),
+    WallMotion: ("x", "y", "z"),
+    HeldStress: ("stress", "velocity"),
+}
 
 
 def body_force(

@@ -162,7 +162,7 @@ class Material:
         # the law is that of the mirror image, whose overlap is twice as deep
         law = self._law(packing, 0.5 * modulus)
         friction = sliding[0] if sliding else Friction(0.0) if self.friction > 0.0 else None
-        return Walls._make((axis, low, high, law, dashpots[0] if dashpots else 0.0, friction, None, None))
+        return Walls._make((axis, low, high, law, dashpots[0] if dashpots else 0.0, friction, *(None,) * 4))
 
     def mixed(self, other: Material, mixing: str = "geometric") -> Material:
         """Return the material of which two bodies touch as one of this and one of the other.

@@ -58,6 +58,8 @@ _INTERACTION = tuple(name for name in _HOOKS if name == "reach" or name.startswi
 # those of the distance and the contact distance, or the partners
 _OF_PAIRS = ("pair_energy", "pair_first", "pair_second", "cap_force")
 _COMPILED: dict[type, dict[str, Callable[..., float]]] = {}
+# the same of records that stand for effects inside loops
+_INNER: dict[type, dict[str, Callable[..., float]]] = {}
 
 
 # relative overlaps, rates and masses at which dashpots are asked for their coefficient
@@ -259,6 +261,25 @@ def bound_effect(cls: E) -> E:
     return cls
 
 
+def inner_record(cls: E) -> E:
+    """Return a record class with hooks of single particles, arrays among its fields: loops know it, scenes do not.
+
+    It stands for an effect that holds arrays of its own.
+    """
+    hooks = {name: vars(cls)[name] for name in _HOOKS if inspect.isfunction(vars(cls).get(name))}
+    tell_apart(cls)
+    _INNER[cls] = compiled_methods("effect", cls, hooks)
+    return cls
+
+
+def plain_record(record: Any) -> Any:
+    """Return the record with every number a float, so that one combination of effects compiles once."""
+    values = (
+        plain_record(value) if isinstance(value, tuple) else None if value is None else float(value) for value in record
+    )
+    return type(record)(*values) if hasattr(record, "_fields") else tuple(values)
+
+
 def is_bound(value: object) -> bool:
     """Return whether the value is an effect with arrays of its own."""
     return is_effect(value) and not isinstance(value, tuple)
@@ -311,7 +332,8 @@ def damps(effect: Any) -> bool:
 
 def hook_of(numba_type: Any, name: str) -> Callable[..., Any] | None:
     """Return the compiled hook of an effect's numba type, or None where it has none."""
-    return _COMPILED.get(getattr(numba_type, "instance_class", None), {}).get(name)  # type: ignore[arg-type]
+    cls: Any = getattr(numba_type, "instance_class", None)
+    return (_COMPILED.get(cls) or _INNER.get(cls, {})).get(name)
 
 
 def _hook_at(effect: Any, name: str) -> Callable[..., float]:

@@ -13,6 +13,7 @@ from packmech.contacts.wall_touches import WallTouches, wall_touches
 from packmech.effects.body import Gravity, Walls, body_energy, body_force, body_second
 from packmech.effects.friction import Friction
 from packmech.effects.held import FixedParticles
+from packmech.effects.mesh import in_loops
 from packmech.effects.pair import contact_terms, equal_touches
 from packmech.effects.repulsion import Repulsion
 from packmech.jit.compiled import device, kernel
@@ -34,8 +35,11 @@ class SingleTerms(NamedTuple):
 
 
 def single_effects(effects: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them."""
-    return tuple(one for one in effects if hasattr(type(one), "body_energy"))
+    """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them.
+
+    As loops know them.
+    """
+    return tuple(in_loops(one) for one in effects if hasattr(type(one), "body_energy"))
 
 
 def refuse_free_fall(effects: tuple[Any, ...]) -> None:

@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+
 from packmech.check import did_you_mean
 from packmech.jit.source_key import written_name
 
@@ -95,6 +97,8 @@ def to_table(record: Any) -> dict[str, Any]:
         value = getattr(record, name)
         if is_record(value):
             table[name] = to_table(value)
+        elif isinstance(value, np.ndarray):
+            table[name] = value.tolist()
         elif isinstance(value, tuple):
             table[name] = [to_table(one) if is_record(one) else one for one in value]
         elif hints.get(name) is int and isinstance(value, float):

@@ -34,7 +34,7 @@ def sum_forces(contacts: Contacts, force_c: NDArray[np.float64]) -> NDArray[np.f
 
 
 @honors(
-    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough mesh",
     at_rest=True,
     link_tolerance=STRAINED,
 )
@@ -65,7 +65,7 @@ def energy(scene: Scene) -> float:
 
 
 @honors(
-    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough mesh",
     at_rest=True,
     link_tolerance=STRAINED,
 )

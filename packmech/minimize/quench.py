@@ -16,6 +16,7 @@ from packmech.contacts import crossing_links
 from packmech.effects import (
     FixedParticles,
     Harmonic,
+    MeshRows,
     Repulsion,
     Walls,
     lacking_second,
@@ -56,7 +57,7 @@ _FLOORS = 8.0
 
 
 @honors(
-    "repulsion kinds bonds interactions gravity walls held links shapes",
+    "repulsion kinds bonds interactions gravity walls mesh held links shapes",
     at_rest=True,
     rough="pm.settle",
 )
@@ -280,7 +281,7 @@ class _Descent:
     def _alone(self, now: Evaluation) -> bool:
         """Return whether nothing presses a particle, where what acts on single ones may balance by itself."""
         acting = single_effects(self.scene.effects)
-        walls_only = all(isinstance(one, Walls) for one in acting)
+        walls_only = all(isinstance(one, Walls | MeshRows) for one in acting)
         return not acting or (walls_only and now.energy <= _NO_ENERGY * self.scene.energy_scale)
 
     def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:

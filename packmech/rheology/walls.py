@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.check import instance, integer, positive
@@ -22,16 +21,6 @@ from packmech.measure.signals import Demodulation
 from packmech.packing import Packing
 from packmech.result import Row
 from packmech.rheology.arguments import StrainSettings
-
-# part of the height by which other lattice vectors may stand out of the plates' plane
-_FLAT = 1e-9
-
-
-def height_across(box: Box, axis: int) -> float | None:
-    """Return the height of a box along an axis that all but one of its vectors are across; None if there is no such."""
-    row = np.abs(box.lattice_dd[axis])
-    out = row > _FLAT * row.max()
-    return float(row.max()) if np.count_nonzero(out) == 1 else None
 
 
 @honors("", packing_only=True)
@@ -75,7 +64,7 @@ def rough_plates(packing: Packing, *, layer: str | float = "crossing", axis: int
         raise ValueError(f"layer must be 'crossing' or a thickness, got {layer!r}")
     else:
         reach = np.full(packing.particles, positive("layer", layer))
-    height = height_across(packing.box, axis)
+    height = packing.box.height_across(axis)
     if height is None:
         raise ValueError(f"packing must have a box whose vectors but one are across axis {axis}, got others")
     at = np.mod(packing.position_nd[:, axis], height)
@@ -312,7 +301,7 @@ def wall_forces(
         If the sample is not carried along and there are no plates.
 
     """
-    height = height_across(settings.scene.packing.box, axes[1])
+    height = settings.scene.packing.box.height_across(axes[1])
     plates = False
     if height is not None and settings.held_n is not None and settings.held_n.any() and not settings.held_n.all():
         low, high = _faces(settings, axes[1], height)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import function, one_of
-from packmech.effects import BondLimits, Bonds, Harmonic, LinearSpring, Repulsion
+from packmech.effects import BondLimits, Bonds, Harmonic, HeldStress, LinearSpring, Repulsion, WallMotion
 from packmech.effects.bonds import bond_contacts
 from packmech.effects.laws import Law
 from packmech.files.packings import read_packing
@@ -368,6 +368,11 @@ def kinds_of_particles(
 
 # the record that may stand in a field of bonds
 LIMITS = {"breaks_at": kinds_of((BondLimits,))}
+# kinds in fields of walls, and of their motions
+MOTIONS = {
+    **dict.fromkeys(("low_motion", "high_motion"), kinds_of((WallMotion,))),
+    **dict.fromkeys("xyz", kinds_of((HeldStress,))),
+}
 _SPRINGS = ("compression", "tension", "tangential_stiffness", "damping", "tangential_damping")
 
 

@@ -16,7 +16,7 @@ from packmech.effects import registered_effects, registered_laws
 from packmech.effects.materials import Material
 from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
-from packmech.scenes.recipes import LIMITS, NESTED, PACKINGS, bonds, kinds_of_particles
+from packmech.scenes.recipes import LIMITS, MOTIONS, NESTED, PACKINGS, bonds, kinds_of_particles
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
@@ -113,6 +113,7 @@ def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str]
             words = _words(hint)
         else:
             words = f"a table of {next(iter(kinds))}" if len(kinds) == 1 else "a kind of " + name.rstrip("s")
+            words = " or ".join(filter(None, (_words(hint), words)))
         required = one.default is inspect.Parameter.empty
         if maker in PACKINGS.values() and (name == "seed" or name not in meaning):
             meaning[name] = _IN_FILES.get(name, "")
@@ -129,7 +130,12 @@ def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
     yield "[packing]", PACKINGS, NESTED | nested, ("folder",)
     yield "[material]", {"": Material}, {}, ()
-    yield "[[effects]]", kinds_of(registered_effects()) | {kind_of(bonds): bonds}, nested | LIMITS, ("packing",)
+    yield (
+        "[[effects]]",
+        kinds_of(registered_effects()) | {kind_of(bonds): bonds},
+        nested | LIMITS | MOTIONS,
+        ("packing",),
+    )
     for name, cls in registered_drives().items():
         methods = {field: kinds_of(classes()) for field, classes in drive_code(cls).nested.items()}
         yield f"[drive] {name}", {name: cls}, methods, ()
@@ -159,7 +165,7 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
         lines += ["", title, *_comment(first_sentence(Material)), *_field_lines(one, Material, {}, ())]
     acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
     for one in tables.get("effects", ()):
-        lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS, ("packing",))]
+        lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS | MOTIONS, ("packing",))]
     if "drive" in tables:
         cls = registered_drives()[tables["drive"]["kind"]]
         methods = {name: kinds_of(classes()) for name, classes in drive_code(cls).nested.items()}
@@ -182,7 +188,7 @@ def _field_lines(
     lines: list[str] = []
     for field in fields_of(maker, nested, given=given):
         words = field.meaning
-        if field.name in nested:
+        if field.name in nested and field.kind != _WORDS[float]:
             words += f" Kinds: {', '.join(nested[field.name])}."
         if field.name in table:
             lines += [*_comment(words), f"{field.name} = {_inline(table[field.name])}"]

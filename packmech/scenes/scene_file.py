@@ -109,6 +109,7 @@ from packmech.scene import Scene, drive_code, drive_kind, registered_drives
 from packmech.scenes.recipes import (
     FIELD_OF,
     LIMITS,
+    MOTIONS,
     NESTED,
     PACKINGS,
     bonds,
@@ -354,6 +355,7 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         # of walls
         **{name: kinds_of(kinds) for name, kinds in ROUGHNESS.items()},
         **LIMITS,
+        **MOTIONS,
     }
     # each effect beside its place; bonds are made once the packing is there
     effects: list[Any] = []

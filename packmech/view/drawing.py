@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components
 from packmech.box import Box
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import Walls, acting_contacts, bonds_of, contact_terms
+from packmech.effects import MeshWalls, Walls, acting_contacts, bonds_of, contact_terms
 from packmech.links import number_by_first
 from packmech.measure.stress import tension_of
 from packmech.packing import Packing
@@ -209,6 +209,8 @@ def wall_outlines(effects: Sequence[Any], box: Box) -> list[NDArray[np.float64]]
             for k, a in enumerate(others):
                 line[:, a] = [(low[a], high[a])[turn[k]] for turn in turns]
             found.append(line)
+    for mesh in (one for one in effects if isinstance(one, MeshWalls)):
+        found += [corner_cd[[0, 1, 2, 0]] for corner_cd in mesh.corner_tcd]
     return found
 
 

@@ -15,6 +15,7 @@ from packmech.check import clear_errors, instance
 from packmech.contacts import pair_contacts
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.breaking import BrokenBonds
+from packmech.dynamics.moved_walls import MovedWalls
 from packmech.dynamics.pair_forces import Touching
 from packmech.dynamics.simulation import MotionTrace
 from packmech.effects import acting_contacts, bonds_of
@@ -45,7 +46,8 @@ MARK_FROM, MARK_TO = 0.35, 0.9
 class PackingFrame:
     """A packing at one step, its contacts (None: found when drawn), and (N, d) unit vectors that turn with spins.
 
-    broken_e are the places of bonds that broke before, in those of the scene.
+    broken_e are the places of bonds that broke before, in those of the scene, and effects those of the scene with walls
+    where they stood then, None where none moves.
     """
 
     step: int
@@ -54,6 +56,7 @@ class PackingFrame:
     touching: Touching | None = None
     mark_nd: NDArray[np.float64] | None = None
     broken_e: NDArray[np.int64] | None = None
+    effects: tuple[Any, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,6 +277,13 @@ def _with_broken(frames: tuple[PackingFrame, ...], broken: BrokenBonds | None) -
     return tuple(replace(one, broken_e=broken.bond_e[broken.step_e <= one.step]) for one in frames)
 
 
+def _with_walls(frames: tuple[PackingFrame, ...], walls: MovedWalls | None) -> tuple[PackingFrame, ...]:
+    """Return frames that know where walls stood that move."""
+    if walls is None:
+        return frames
+    return tuple(replace(one, effects=walls.at(int(np.abs(walls.time_t - one.time).argmin()))) for one in frames)
+
+
 def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Trajectory:
     """Return the trajectory of a simulation that kept contacts."""
     assert trace.position_tnd is not None and trace.lattice_tdd is not None
@@ -292,6 +302,7 @@ def _of_motion(run: Run, trace: MotionTrace, scene: Scene, frames: int) -> Traje
     kept = (trace.step_t, trace.time_t, trace.position_tnd, lattice, *turning)
     held_n = getattr(run, "held_n", None)
     shown = _with_broken(_frames_of(scene, *kept, frames), getattr(run, "broken_bonds", None))
+    shown = _with_walls(shown, getattr(run, "walls", None))
     return _in_motion(scene, shown, trace.step_t, columns, "stress xy", held_n, {})
 
 
@@ -572,5 +583,5 @@ def draw_moving(frame: PackingFrame, effects: Sequence[Any]) -> DrawnFrame:
         bond,
         pull,
         mark,
-        drawing.wall_outlines(effects, cell.box),
+        drawing.wall_outlines(effects if frame.effects is None else frame.effects, cell.box),
     )

@@ -1,0 +1,218 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Walls of triangles, and the record that stands for them inside loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.calls.display import shown
+from packmech.check import finite_array
+from packmech.contacts.triangles import (
+    EDGE,
+    FACE,
+    face_area_of,
+    first_near,
+    make_triangles,
+    next_near,
+    touch_of_triangle,
+)
+from packmech.effects.body import Walls, first_on_wall
+from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
+from packmech.effects.friction import Friction
+from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
+from packmech.effects.pair import bound_effect, inner_record, plain_record
+from packmech.effects.partners import equal_partners
+
+# area of a triangle over the square of the mesh's extent below which it is none
+_FLAT = 1e-14
+
+
+@inner_record
+class MeshRows(NamedTuple):
+    """Walls of triangles as loops over single particles know them."""
+
+    law: Any
+    damping: Any
+    triangles: Any
+
+    def body_energy(self, x, y, z, mass, radius):
+        """Return the energy of a particle, half of that with its images [energy]."""
+        near, energy = first_near(self.triangles, x, y, z, radius), 0.0
+        while near.number >= 0:
+            touch = touch_of_triangle(self.triangles, near)
+            if touch.touches:
+                energy += 0.5 * law_energy(self.law, 2.0 * touch.distance, equal_partners(2.0 * radius))
+            near = next_near(self.triangles, near)
+        return energy
+
+    def body_force(self, x, y, z, u, v, w, mass, radius):
+        """Return the push on a particle [force]."""
+        near = first_near(self.triangles, x, y, z, radius)
+        fx = fy = fz = 0.0
+        while near.number >= 0:
+            touch = touch_of_triangle(self.triangles, near)
+            if touch.touches:
+                n = touch.n
+                rate = 2.0 * (u * n[0] + v * n[1] + w * n[2])
+                push = -first_on_wall(self, 2.0 * touch.distance, 2.0 * radius, rate, 0.5 * mass)
+                fx += push * n[0]
+                fy += push * n[1]
+                fz += push * n[2]
+            near = next_near(self.triangles, near)
+        return fx, fy, fz
+
+    def body_second(self, x, y, z, mass, radius):
+        """Return the second derivatives of the energy, xx, yy, zz, yz, xz, xy [energy/length^2]."""
+        near = first_near(self.triangles, x, y, z, radius)
+        xx = yy = zz = yz = xz = xy = 0.0
+        while near.number >= 0:
+            touch = touch_of_triangle(self.triangles, near)
+            if touch.touches:
+                image = equal_partners(2.0 * radius)
+                steep = 2.0 * law_second(self.law, 2.0 * touch.distance, image)
+                # where what is touched does not go along with the particle: across an edge, and about a corner
+                bend = law_first(self.law, 2.0 * touch.distance, image) / touch.distance if touch.part != FACE else 0.0
+                edge = bend if touch.part == EDGE else 0.0
+                a, b, c = touch.n
+                p, q, r = touch.along
+                xx += (steep - bend) * a * a - edge * p * p + bend
+                yy += (steep - bend) * b * b - edge * q * q + bend
+                zz += (steep - bend) * c * c - edge * r * r + bend
+                yz += (steep - bend) * b * c - edge * q * r
+                xz += (steep - bend) * a * c - edge * p * r
+                xy += (steep - bend) * a * b - edge * p * q
+            near = next_near(self.triangles, near)
+        return xx, yy, zz, yz, xz, xy
+
+
+@shown()
+@bound_effect
+@dataclass(frozen=True, eq=False)
+class MeshWalls:
+    """A wall of triangles that spheres touch from either side: a hopper, a drum, a mould, read by `pm.read_mesh`.
+
+    A contact is one with the mirror image behind the place of the surface that is nearest, as of `Walls`: with the
+    distance D of the center from there, the law is that of the distance 2 D and the contact distance 2 r, and the
+    energy half of it. Distances to faces, edges and corners are exact. A sphere touches wherever its distance from the
+    surface has a minimum on it: once over the edge between two triangles of one plane, once on an edge that stands out,
+    at each side of a groove. Contacts whose directions differ by less than ten degrees count as one, the nearest, so
+    that a surface which is bent in by less from triangle to triangle, as a drum is, is touched once, too: energies are
+    continuous there for overlaps with images up to 1.5 % of the contact distance.
+
+    Smooth, and at rest. The surface is not repeated with the box: it stands in the cell, and particles are where they
+    are in the cell. It takes spheres.
+
+    Parameters
+    ----------
+    vertices
+        (V, 3) corners [length].
+    triangles
+        (T, 3) numbers of the three corners of each triangle.
+    law
+        What pushes at an overlap with the image; a LinearSpring unless given.
+    damping
+        Coefficient of a dashpot [mass/time], or one such as `Restitution`.
+    friction
+        Friction(0.0) says that the surface is smooth, where contacts of particles have friction or resist rolling.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an array is wrong, or a triangle has no area.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> floor = pm.MeshWalls([[0, 0, 1], [4, 0, 1], [0, 4, 1], [4, 4, 1]], [[0, 1, 2], [1, 3, 2]])
+    >>> ball = pm.Packing([[2.0, 2.0, 1.45]], [0.5], pm.Box.cubic(4.0, 3))
+    >>> pm.forces(pm.Scene(ball, (pm.Repulsion(), floor))).round(12).tolist()
+    [[0.0, 0.0, 0.1]]
+
+    """
+
+    vertices: ArrayLike
+    triangles: ArrayLike
+    law: Law = LinearSpring()
+    damping: float | ContactDamping | Restitution | ViscoelasticDamping = 0.0
+    friction: Friction | None = None
+
+    acts_as: ClassVar[str] = "mesh"
+
+    def __post_init__(self) -> None:
+        vertex = finite_array("vertices", self.vertices, shape=(None, 3), what="vertex")
+        number = np.asarray(self.triangles)
+        if number.ndim != 2 or number.shape[1] != 3 or not len(number) or number.dtype.kind not in "iu":
+            raise ValueError(
+                f"triangles must be a (T, 3) array of whole numbers, the corners of each, got {self.triangles!r}"
+            )
+        number = number.astype(np.int64)
+        if number.min() < 0 or number.max() >= len(vertex):
+            raise ValueError(f"triangles must name vertices below {len(vertex)}, got {number.min()} to {number.max()}")
+        corner = vertex[number]
+        flat = face_area_of(corner) <= _FLAT * float(np.ptp(corner.reshape(-1, 3), axis=0).max()) ** 2
+        if flat.any():
+            raise ValueError(f"triangles must have an area, got none of number {int(np.argmax(flat))}")
+        for array in (vertex, number):
+            array.setflags(write=False)
+        object.__setattr__(self, "vertices", vertex)
+        object.__setattr__(self, "triangles", number)
+        if self.friction is not None and not (isinstance(self.friction, Friction) and self.friction.coefficient == 0.0):
+            raise ValueError(f"friction must be Friction(0.0) or None, as the surface is smooth, got {self.friction!r}")
+
+    def __len__(self) -> int:
+        return len(self.corner_tcd)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, MeshWalls) and self._told() == other._told()
+
+    def __hash__(self) -> int:
+        return hash(self._told())
+
+    def _told(self) -> tuple[Any, ...]:
+        vertex, number = np.asarray(self.vertices), np.asarray(self.triangles)
+        return vertex.tobytes(), number.tobytes(), self.law, self.damping, self.friction
+
+    @cached_property
+    def corner_tcd(self) -> NDArray[np.float64]:
+        """The (T, 3, 3) corners of the triangles [length]."""
+        found: NDArray[np.float64] = np.asarray(self.vertices)[np.asarray(self.triangles)]
+        return found
+
+    @cached_property
+    def rows(self) -> MeshRows:
+        """What stands for it inside loops."""
+        flat = plain_record(self.flat)
+        return MeshRows(flat.law, flat.damping, make_triangles(self.corner_tcd))
+
+    @property
+    def flat(self) -> Walls:
+        """Flat walls that do the same to what touches them."""
+        return Walls._make((0.0, 0.0, 1.0, self.law, self.damping, *(None,) * 5))
+
+    def body_energy(self, x: float, y: float, z: float, mass: float, radius: float) -> float:
+        """Return the energy of a particle [energy]."""
+        return float(self.rows.body_energy(x, y, z, mass, radius))
+
+    def body_force(
+        self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
+    ) -> tuple[float, float, float]:
+        """Return the push on a particle [force]."""
+        push: tuple[float, float, float] = self.rows.body_force(x, y, z, u, v, w, mass, radius)
+        return push
+
+    def body_second(
+        self, x: float, y: float, z: float, mass: float, radius: float
+    ) -> tuple[float, float, float, float, float, float]:
+        """Return the second derivatives of its energy, xx, yy, zz, yz, xz, xy [energy/length^2]."""
+        second: tuple[float, float, float, float, float, float] = self.rows.body_second(x, y, z, mass, radius)
+        return second
+
+
+def in_loops(effect: Any) -> Any:
+    """Return what stands for an effect inside loops over single particles: itself, but for walls of triangles."""
+    return effect.rows if isinstance(effect, MeshWalls) else effect
