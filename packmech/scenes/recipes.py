@@ -36,6 +36,7 @@ from packmech.generate import (
     Shape,
     SizeDistribution,
     StarCluster,
+    Superellipses,
     Trimer,
     Uniform,
     chain_packing,
@@ -60,7 +61,7 @@ _CLUSTERS = kinds_of((Cluster, Dimer, Trimer, RingCluster, StarCluster, LinearCl
 NESTED = {
     "sizes": kinds_of((Monodisperse, Bidisperse, Mixture, Uniform, Normal, LogNormal)),
     "shape": _CLUSTERS,
-    "shapes": _CLUSTERS | kinds_of((Ellipses,)),
+    "shapes": _CLUSTERS | kinds_of((Ellipses, Superellipses)),
 }
 # the functions that make packings, by kind
 PACKINGS: dict[str, Callable[..., Packing]] = {}
@@ -180,7 +181,7 @@ def _prepared(
     law: Law = _LAW,
     force_tolerance: float = 1e-10,
     density: float | None = None,
-    shapes: Ellipses | Shape | None = None,
+    shapes: Ellipses | Superellipses | Shape | None = None,
 ) -> Packing:
     """Return a random packing at its energy minimum under the law, without friction and bonds.
 
