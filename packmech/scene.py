@@ -30,6 +30,7 @@ from packmech.effects import (
     is_bound,
     is_effect,
     is_law,
+    refuse_beside_superellipsoids,
     refuse_curvature_of_shapes,
     refuse_rolling,
     refuse_walls,
@@ -753,6 +754,7 @@ class Scene:
             )
         refuse_rolling(self.effects, self.packing)
         refuse_curvature_of_shapes(self.effects, self.packing)
+        refuse_beside_superellipsoids(self.effects, self.packing)
         refuse_walls(self.effects, self.packing)
         self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:

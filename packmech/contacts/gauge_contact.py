@@ -237,7 +237,9 @@ def gauge_touch(one, other, x, y, z, d, limit):
                 here, there = gauge(one, nx, ny, nz), gauge(other, nx - x, ny - y, nz - z)
                 # the slope along the step, where it ends: L is convex, below zero it may go on falling
                 end = -(
-                    sx * (m * here.x + at * there.x) + sy * (m * here.y + at * there.y) + sz * (m * here.z + at * there.z)
+                    sx * (m * here.x + at * there.x)
+                    + sy * (m * here.y + at * there.y)
+                    + sz * (m * here.z + at * there.z)
                 )
                 if end <= -0.5 * slope:
                     break

@@ -449,7 +449,10 @@ def random_packing(
 
 
 def _random_shapes(
-    shapes: Ellipses | Superellipses | Shape | RandomShape | None, particles: int, dimension: int, rng: np.random.Generator
+    shapes: Ellipses | Superellipses | Shape | RandomShape | None,
+    particles: int,
+    dimension: int,
+    rng: np.random.Generator,
 ) -> Shapes | None:
     """Return shapes turned in all directions alike, None where none are given."""
     if shapes is None:
