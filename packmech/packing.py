@@ -115,8 +115,8 @@ class Packing:
     tangential
         Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
     shapes
-        `Spheroids`, `Superellipsoids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls that know discs and
-        spheres only refuse others by name (`packmech effects` lists which).
+        `Spheroids`, `Superellipsoids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls
+        that know discs and spheres only refuse others by name (`packmech effects` lists which).
 
     Attributes
     ----------

@@ -410,13 +410,16 @@ class _Framed(_Turned):
     has_frames: ClassVar[bool] = True
 
     if TYPE_CHECKING:
-        orientation_nq: NDArray[np.float64]
-        gyration_nk: NDArray[np.float64]
-        dimension: int
 
         def __len__(self) -> int: ...
         def oriented(self, orientation_nq: NDArray[np.float64]) -> Self: ...
 
+        @property
+        def orientation_nq(self) -> NDArray[np.float64]: ...
+        @property
+        def gyration_nk(self) -> NDArray[np.float64]: ...
+        @property
+        def dimension(self) -> int: ...
         @property
         def _turns_nk(self) -> NDArray[np.bool_]: ...
 
@@ -454,8 +457,8 @@ class _Framed(_Turned):
     def turn_basis(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N, K, t) rotations that one length of each coordinate of turns makes, K = 1 in a plane, else 3.
 
-        As of `Spheroids.turn_basis`, about the axes of the bodies. Zeros where a turn changes nothing: of discs and spheres, and
-        about the axis of a row of beads.
+        As of `Spheroids.turn_basis`, about the axes of the bodies. Zeros where a turn changes nothing: of
+        discs and spheres, and about the axis of a row of beads.
         """
         return self._about_axes(self.turn_rates(radius_n))
 
@@ -600,6 +603,24 @@ class Superellipsoids(_Framed):
     def axes(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N, d) semi-axes of particles of these radii [length]."""
         return np.asarray(self._semi_nd * np.asarray(radius_n)[..., None])
+
+    @property
+    def axis_bd(self) -> NDArray[np.float64]:
+        """The (B, d) directions of the first axes."""
+        return self.axis_nd
+
+    def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Refuse what asks for semi-axes along one axis and across it: these have others (`axes`).
+
+        Raises
+        ------
+        ValueError
+            Always.
+
+        """
+        raise ValueError(
+            f"shapes must be discs, spheres, ellipses, spheroids or rigid bodies here, got {type(self).__name__}"
+        )
 
     @property
     def spread_nd(self) -> NDArray[np.float64]:

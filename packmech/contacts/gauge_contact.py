@@ -236,11 +236,8 @@ def gauge_touch(one, other, x, y, z, d, limit):
                 nx, ny, nz = px - step * sx, py - step * sy, pz - step * sz
                 here, there = gauge(one, nx, ny, nz), gauge(other, nx - x, ny - y, nz - z)
                 # the slope along the step, where it ends: L is convex, below zero it may go on falling
-                end = -(
-                    sx * (m * here.x + at * there.x)
-                    + sy * (m * here.y + at * there.y)
-                    + sz * (m * here.z + at * there.z)
-                )
+                qx, qy, qz = m * here.x + at * there.x, m * here.y + at * there.y, m * here.z + at * there.z
+                end = -(sx * qx + sy * qy + sz * qz)
                 if end <= -0.5 * slope:
                     break
                 step *= max(0.1, min(0.9, -slope / (end - slope)))

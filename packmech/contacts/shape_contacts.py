@@ -132,7 +132,8 @@ class ShapeContacts:
         semi-axes, g = sqrt(n A n), where they are spheroids.
         """
         if not self.shapes.has_spheroid_sites:
-            own = self.shapes.select(self.site_i_c).surface_points(self.normal_cd, radius_n[self.site_i_c])
+            shapes: Any = self.shapes.select(self.site_i_c)
+            own = shapes.surface_points(self.normal_cd, radius_n[self.site_i_c])
             return np.asarray((1.0 - self.overlap_c)[:, None] * own)
         arm = self.shapes.arms(radius_n)[self.site_i_c]
         return np.asarray(arm + (1.0 - self.overlap_c)[:, None] * self._support(radius_n)[0])

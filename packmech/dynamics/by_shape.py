@@ -2,8 +2,8 @@
 """What depends on the shapes of particles in a time step: the type of what is given chooses, here and nowhere else.
 
 Discs and spheres have none (None), ellipses and spheroids `ShapeRows` (their functions are in `shape_pairs`), rigid
-bodies of beads and superellipsoids `BodyRows` (`rigid_bodies`). A pair of bodies may touch in many places, counted by k; each touch has a
-distance rho and its slopes.
+bodies of beads and superellipsoids `BodyRows` (`rigid_bodies`). A pair of bodies may touch in many places, counted by
+k; each touch has a distance rho and its slopes.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ from packmech.generate import (
 from packmech.links import Links
 from packmech.packing import Packing, masses_of_density
 from packmech.scene import Scene
-from packmech.shapes import Beads, Shapes, Spheroids
+from packmech.shapes import Beads, Shapes, Spheroids, Superellipsoids
 
 Vectors = tuple[tuple[float, ...], ...]
 P = TypeVar("P", bound=Callable[..., Packing])
@@ -244,11 +244,13 @@ def _inline(
     bead_sizes: tuple[float, ...] | None = None,
     gyration_radii: Vectors | None = None,
     orientations: Vectors | None = None,
+    exponents: tuple[float, ...] | None = None,
+    axis_ratios: Vectors | None = None,
 ) -> Packing:
     """Return the packing of lattice vectors and positions, one in a line, and radii; links have one entry each.
 
-    With `aspects` and `directors`, one in a line, particles are ellipses or spheroids; with the other fields, which are
-    those of `pm.Beads`, rigid bodies.
+    With `aspects` and `directors`, one in a line, particles are ellipses or spheroids; with `exponents`, `axis_ratios`
+    and `orientations` superellipsoids; with the other fields, which are those of `pm.Beads`, rigid bodies.
     """
     box = Box(_columns(lattice_vectors))
     if masses is not None and density is not None:
@@ -269,7 +271,20 @@ def _inline(
         "orientations": orientations,
     }
     shapes: Shapes | None = None
-    if bead_starts is not None:
+    if exponents is not None:
+        others = {"bead_starts": bead_starts, "aspects": aspects, "directors": directors}
+        others |= {name: value for name, value in bodies.items() if name != "orientations"}
+        given = next((name for name, value in others.items() if value is not None), None)
+        if given is not None:
+            raise ValueError(f"{given} must be left out where exponents are given, got {others[given]!r:.40}")
+        if axis_ratios is None or orientations is None:
+            lacking = "axis_ratios" if axis_ratios is None else "orientations"
+            raise ValueError(f"{lacking} must be given with exponents, got nothing")
+        rows = _rows("axis_ratios", axis_ratios), _rows("orientations", orientations)
+        shapes = Superellipsoids(np.array(exponents), *rows)
+    elif axis_ratios is not None:
+        _left_out({"axis_ratios": axis_ratios}, "exponents")
+    elif bead_starts is not None:
         _left_out({"directors": directors, "aspects": aspects}, "bead_starts")
         missing = next((name for name, value in bodies.items() if value is None), None)
         if missing is not None:
@@ -304,6 +319,8 @@ FIELD_OF = {
     "size_b": "bead_sizes",
     "gyration_nk": "gyration_radii",
     "orientation_nq": "orientations",
+    "exponent_n": "exponents",
+    "ratio_nd": "axis_ratios",
     "i_l": "link_pairs",
     "j_l": "link_pairs",
     "links": "link_pairs",

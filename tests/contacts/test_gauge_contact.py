@@ -1,4 +1,4 @@
-"""Facts about the scale at which superellipsoids touch: bounds from both sides, optimizers, closed forms, derivatives."""
+"""Facts about the scale at which superellipsoids touch: bounds from both sides, an optimizer, closed forms, slopes."""
 
 import numpy as np
 import pytest

@@ -4,9 +4,9 @@
 The row of an ellipse or spheroid holds its director times the radius of gyration, so that its changes are lengths and
 the forces on it torques over that radius. Its length has no force: what makes it longer turns none, and it is put
 right where a program's particles are placed. The row of a rigid body of beads, or of a superellipsoid, holds the
-rotation since the program was built (the angle first in a plane, the rotation vector in space) times the radius of gyration. Minimizers walk over
-these rows as over all others. What the shapes are travels in the tuple of effects as a record of its own, so that loops
-of discs and spheres have no code for them.
+rotation since the program was built (the angle first in a plane, the rotation vector in space) times the radius of
+gyration. Minimizers walk over these rows as over all others. What the shapes are travels in the tuple of effects as a
+record of its own, so that loops of discs and spheres have no code for them.
 """
 
 from __future__ import annotations
@@ -140,8 +140,8 @@ def _gauge_rows(radius_n: NDArray[np.float64], shapes: Superellipsoids) -> Gauge
     # across a plane any length does
     semi = np.ones((len(shapes), 3))
     semi[:, : shapes.dimension] = shapes.axes(radius_n)
-    rows = _framed_rows(radius_n, shapes, np.zeros((len(shapes), shapes.dimension)))
-    return GaugeRows(*rows, semi, np.array(shapes.exponent_n))
+    rows = *_framed_rows(radius_n, shapes, np.zeros((len(shapes), shapes.dimension))), semi, np.array(shapes.exponent_n)
+    return GaugeRows(*rows)
 
 
 def _framed_rows(
