@@ -26,7 +26,6 @@ from packmech.minimize.passes.interaction_rows import law_between
 from packmech.minimize.passes.kernels import coincident_direction
 from packmech.minimize.passes.shape_rows import ShapeRows, ShapeTouch, shape_rows
 from packmech.packing import Packing
-from packmech.shapes import Beads, Superellipsoids
 
 Shaped = ShapeRows | BodyRows
 
@@ -47,13 +46,12 @@ law_of_rows = by_shape(law_between, law_between, _law_of_bodies)
 
 def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | None:
     """Return the shapes of a packing by rows, turned as they are; None for discs and spheres."""
-    shapes = packing.shapes
+    shapes: Any = packing.shapes
     for rows in shape_rows(packing, order_n):
-        if isinstance(shapes, Beads | Superellipsoids):
+        if not isinstance(rows, ShapeRows):
             return body_rows(rows, shapes.select(order_n))
-        if isinstance(rows, ShapeRows):
-            rows.unit_nd[:, : packing.dimension] = shapes.orientation_nq[order_n]
-            return rows
+        rows.unit_nd[:, : packing.dimension] = shapes.orientation_nq[order_n]
+        return rows
     return None
 
 

@@ -416,8 +416,8 @@ def random_packing(
         Mass over area, or over volume in space, of every particle [mass/length^d]; as of a `Packing` unless given.
     shapes
         ``Ellipses`` of an aspect, ``Superellipses``, or rigid bodies of the shape of a cluster (``Dimer``, ``Trimer``,
-        ``LinearCluster``, ..., or anything that `cluster_packing` takes), of the discs' or spheres' areas or volumes and
-        turned in all directions alike. The radii and positions are those of the same seed without.
+        ``LinearCluster``, ..., or anything that `cluster_packing` takes), of the discs' or spheres' areas or volumes
+        and turned in all directions alike. The radii and positions are those of the same seed without.
 
     Raises
     ------
