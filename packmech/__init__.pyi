@@ -26,8 +26,10 @@ from packmech.generate import Uniform as Uniform
 from packmech.generate import Normal as Normal
 from packmech.generate import LogNormal as LogNormal
 from packmech.shapes import Spheroids as Spheroids
+from packmech.shapes import Superellipsoids as Superellipsoids
 from packmech.shapes import Beads as Beads
 from packmech.generate import Ellipses as Ellipses
+from packmech.generate import Superellipses as Superellipses
 from packmech.generate import Cluster as Cluster
 from packmech.generate import Dimer as Dimer
 from packmech.generate import Trimer as Trimer

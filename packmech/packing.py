@@ -117,8 +117,8 @@ class Packing:
     tangential
         Displacements of the contacts' tangential springs, which act where a scene has friction; None: all are slack.
     shapes
-        `Spheroids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls that know discs and
-        spheres only refuse others by name (`packmech effects` lists which).
+        `Spheroids`, `Superellipsoids` or rigid `Beads`, without links; `Discs` where they are left out or None. Calls
+        that know discs and spheres only refuse others by name (`packmech effects` lists which).
     kind_n
         (N,) kinds of the particles, whole numbers 0 to 63 (`assign_kinds` draws them); None: all are of kind 0.
 
@@ -198,6 +198,10 @@ class Packing:
         last = int(max(one.max(initial=-1) for one in named))
         if last >= self.particles:
             raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
+        if not self.shapes.has_spheroid_sites:
+            raise ValueError(
+                f"tangential must be left out for {self.shapes.names[1]}, which have no friction, got {tangential!r}"
+            )
         bead = tangential.bead_c2
         if self.shapes.has_beads != (bead is not None):
             raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {bead!r:.40}")

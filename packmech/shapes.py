@@ -1,9 +1,10 @@
-"""Shapes of particles: discs and spheres, ellipses and spheroids, rigid bodies of beads."""
+"""Shapes of particles: discs and spheres, ellipses and spheroids, superellipsoids, rigid bodies of beads."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from packmech.check import finite_array, integer_array, positive_array
 _UNIT = 4.0 * float(np.finfo(float).eps)
 # beads nearer to an axis than this, relative to the particle's radius, lie on it
 _ON_AXIS = 1e-9
+# exponents above this leave edges sharper than contacts are computed for
+SHARPEST = 50.0
 # moments of the beads about two axes nearer than this, relative to the larger, leave the long axis open
 _ROUND = 1e-9
 
@@ -36,6 +39,10 @@ class _Turned:
 
     has_orientations: ClassVar[bool] = True
     has_beads: ClassVar[bool] = False
+    # whether sites have one axis that may differ from the others: `axis_bd` and `semi_axes` say what they are then
+    has_spheroid_sites: ClassVar[bool] = True
+    # whether they turn by quaternions in space
+    has_frames: ClassVar[bool] = False
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, type(self)) and all(
@@ -81,6 +88,8 @@ class Discs:
     # whether particles turn without friction, and whether each is a body of beads
     has_orientations: ClassVar[bool] = False
     has_beads: ClassVar[bool] = False
+    has_spheroid_sites: ClassVar[bool] = True
+    has_frames: ClassVar[bool] = False
 
     def __len__(self) -> int:
         return self.count
@@ -138,6 +147,10 @@ class Discs:
     def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
         return np.zeros((self.count, self.dimension))
+
+    def site_reach(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (B,) radii: sites are the particles [length]."""
+        return np.asarray(radius_n)
 
     def reach(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) radii [length]."""
@@ -292,6 +305,8 @@ class Spheroids(_Turned):
         """Return the (N,) radii of the discs or spheres about the centers that just hold the particles [length]."""
         return np.maximum(*self.semi_axes(radius_n))
 
+    site_reach = reach
+
     def sweep(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N,) zeros: particles turn within the discs or spheres that hold them [length]."""
         return np.zeros(len(self))
@@ -385,9 +400,336 @@ class Spheroids(_Turned):
         return Spheroids(self.aspect_n[kept_n], self.director_nd[kept_n])
 
 
+class _Framed(_Turned):
+    """Bodies with a frame of axes, turned by angles in a plane and by quaternions in space.
+
+    Of a class are its radii of gyration about the axes over the radii (`gyration_nk`), and about which axes a turn
+    changes a body (`_turns_nk`).
+    """
+
+    has_frames: ClassVar[bool] = True
+
+    if TYPE_CHECKING:
+
+        def __len__(self) -> int: ...
+        def oriented(self, orientation_nq: NDArray[np.float64]) -> Self: ...
+
+        @property
+        def orientation_nq(self) -> NDArray[np.float64]: ...
+        @property
+        def gyration_nk(self) -> NDArray[np.float64]: ...
+        @property
+        def dimension(self) -> int: ...
+        @property
+        def _turns_nk(self) -> NDArray[np.bool_]: ...
+
+    @property
+    def axis_nd(self) -> NDArray[np.float64]:
+        """The (N, d) directions by which pairs are aligned: the first axes of the bodies."""
+        return np.asarray(self.frames()[:, :, 0])
+
+    @property
+    def turns_n(self) -> NDArray[np.bool_]:
+        """The (N,) particles that turn: those that a turn changes."""
+        return np.asarray(self._turns_nk.any(axis=1))
+
+    def gyration(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N,) radii of gyration, the mean square of those about the axes in space [length]."""
+        return np.asarray(np.sqrt((self.gyration_nk**2).mean(axis=1)) * radius_n)
+
+    def frames(self) -> NDArray[np.float64]:
+        """Return (N, d, d) axes of the bodies in columns."""
+        if self.dimension == 2:
+            x, y = self.orientation_nq.T
+            return np.stack([np.stack([x, -y], axis=1), np.stack([y, x], axis=1)], axis=1)
+        w, x, y, z = self.orientation_nq.T
+        rows = [
+            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+        ]
+        return np.array(rows).transpose(2, 0, 1)
+
+    def turn_rates(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, k) angles about the axes that make one length of a coordinate of turns; 0 where nothing turns."""
+        return np.where(self._turns_nk, 1.0 / (self.gyration_nk * np.asarray(radius_n)[:, None]), 0.0)
+
+    def turn_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, K, t) rotations that one length of each coordinate of turns makes, K = 1 in a plane, else 3.
+
+        As of `Spheroids.turn_basis`, about the axes of the bodies. Zeros where a turn changes nothing: of
+        discs and spheres, and about the axis of a row of beads.
+        """
+        return self._about_axes(self.turn_rates(radius_n))
+
+    def spin_basis(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N, k, k) rotations as `turn_basis` does, where friction turns what is round, too."""
+        return self._about_axes(1.0 / (self.gyration_nk * np.asarray(radius_n)[:, None]))
+
+    def _about_axes(self, rate_nk: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self.dimension == 2:
+            return rate_nk[:, :, None]
+        return np.asarray(self.frames().transpose(0, 2, 1) * rate_nk[:, :, None])
+
+    def turned(self, rotation_nt: NDArray[np.float64]) -> Self:
+        """Return the shapes turned by (N, 1) angles in a plane, or (N, 3) rotation vectors in space."""
+        if self.dimension == 2:
+            (x, y), angle = self.orientation_nq.T, rotation_nt[:, 0]
+            c, s = np.cos(angle), np.sin(angle)
+            return self.oriented(np.stack([c * x - s * y, s * x + c * y], axis=1))
+        angle = np.sqrt((rotation_nt**2).sum(axis=1, keepdims=True))
+        vector = 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_nt
+        return self.oriented(_quaternion_product(np.hstack([np.cos(0.5 * angle), vector]), self.orientation_nq))
+
+    def rotation_since(self, start: Any) -> NDArray[np.float64]:
+        """Return the (N, 1) angles, or (N, 3) rotation vectors, by which the bodies have turned on the short way."""
+        one, other = start.orientation_nq, self.orientation_nq
+        if self.dimension == 2:
+            sine = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+            return np.asarray(np.arctan2(sine, (one * other).sum(axis=1))[:, None])
+        turn = _quaternion_product(other, one * np.array([1.0, -1.0, -1.0, -1.0]))
+        turn *= np.where(turn[:, :1] < 0.0, -1.0, 1.0)
+        sine = np.sqrt((turn[:, 1:] ** 2).sum(axis=1))
+        angle = 2.0 * np.arctan2(sine, turn[:, 0])
+        return np.asarray(turn[:, 1:] * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)[:, None])
+
+    def coordinates(self, now: Any, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N, d) lengths that say how bodies like these are turned: rotations times radii of gyration.
+
+        In a plane the first component is that length and the other one nothing.
+        """
+        found = np.zeros((len(self), self.dimension))
+        rotation = now.rotation_since(self)
+        found[:, : rotation.shape[1]] = rotation * self.gyration(radius_n)[:, None]
+        return found
+
+    def at_coordinates(self, coordinate_nd: NDArray[np.float64], radius_n: Any) -> Self:
+        """Return the bodies turned as such lengths say."""
+        rotations = 1 if self.dimension == 2 else 3
+        return self.turned(coordinate_nd[:, :rotations] / self.gyration(radius_n)[:, None])
+
+
 @shown()
 @dataclass(frozen=True, eq=False)
-class Beads(_Turned):
+class Superellipsoids(_Framed):
+    """Superellipses |x/a|^p + |y/b|^p = 1 or superellipsoids |x/a|^p + |y/b|^p + |z/c|^p = 1, each with an exponent.
+
+    The exponent 2 makes ellipses, and ellipsoids of three axes; large ones come near to rectangles and boxes. A
+    particle's radius is that of the disc or sphere of equal area or volume, so that packing fractions and masses do not
+    depend on its shape: area and volume are (2 Gamma(1 + 1/p))^d / Gamma(1 + d/p) times the product of the semi-axes.
+
+    Parameters
+    ----------
+    exponent_n
+        (N,) exponents p, from 2 to 50 [1].
+    ratio_nd
+        (N, d) semi-axes over each other, in any unit; the radius sets their lengths [1].
+    orientation_nq
+        (N, 2) directions of the first axis in a plane; (N, 4) unit quaternions in space, real part first, that turn the
+        axes of the packing into those of the body. Kept with unit length.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not what it must be, naming the particle.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> squares = pm.Superellipsoids([4.0], [[1.0, 1.0]], [[1.0, 0.0]])
+    >>> area = np.prod(2.0 * squares.axes([0.5])) * 0.9270373386
+    >>> round(float(area / (np.pi * 0.25)), 9)
+    1.0
+
+    """
+
+    has_spheroid_sites: ClassVar[bool] = False
+
+    exponent_n: NDArray[np.float64]
+    ratio_nd: NDArray[np.float64]
+    orientation_nq: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        exponent = positive_array("exponent_n", self.exponent_n, shape=(None,))
+        n = len(exponent)
+        off = (exponent < 2.0) | (exponent > SHARPEST)
+        if off.any():
+            k = int(off.argmax())
+            raise ValueError(f"exponent_n must be from 2 to {SHARPEST:g}, got {exponent[k]:g} for particle {k}")
+        ratio = positive_array("ratio_nd", self.ratio_nd, shape=(n, None))
+        d = ratio.shape[1]
+        if d not in (2, 3):
+            raise ValueError(f"ratio_nd must have two or three components, got {d}")
+        orientation = finite_array("orientation_nq", self.orientation_nq, shape=(n, 2 if d == 2 else 4))
+        orientation = _unit("orientation_nq", orientation, "direction")
+        self._keep(exponent_n=exponent, ratio_nd=ratio, orientation_nq=orientation)
+
+    def __len__(self) -> int:
+        return len(self.exponent_n)
+
+    @property
+    def dimension(self) -> int:
+        """Number of Cartesian axes, 2 or 3."""
+        return int(self.ratio_nd.shape[1])
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """What one of the particles is called, and several."""
+        return ("superellipse", "superellipses") if self.dimension == 2 else ("superellipsoid", "superellipsoids")
+
+    def oriented(self, orientation_nq: NDArray[np.float64]) -> Superellipsoids:
+        """Return the shapes with other orientations."""
+        return Superellipsoids(self.exponent_n, self.ratio_nd, orientation_nq)
+
+    @property
+    def _semi_nd(self) -> NDArray[np.float64]:
+        """The (N, d) semi-axes over the radii."""
+        mean = np.exp(np.log(self.ratio_nd).mean(axis=1))
+        return np.asarray(self.ratio_nd * (self._measures_n2[:, 0] / mean)[:, None])
+
+    @property
+    def _measures_n2(self) -> NDArray[np.float64]:
+        """The (N, 2) mean semi-axes over radii, and mean squares of distances along an axis over its semi-axis."""
+        d, log_gamma = self.dimension, math.lgamma
+        value, place = np.unique(self.exponent_n, return_inverse=True)
+        table = np.empty((len(value), 2))
+        ball = math.log(math.pi if d == 2 else 4.0 * math.pi / 3.0)
+        for k, one in enumerate(1.0 / value):
+            own = d * (math.log(2.0) + log_gamma(1.0 + one)) - log_gamma(1.0 + d * one)
+            share = log_gamma(3.0 * one) - log_gamma(one) + log_gamma(1.0 + d * one) - log_gamma(1.0 + (d + 2) * one)
+            table[k] = math.exp((ball - own) / d), math.exp(share)
+        return table[place.reshape(-1)]
+
+    def axes(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N, d) semi-axes of particles of these radii [length]."""
+        return np.asarray(self._semi_nd * np.asarray(radius_n)[..., None])
+
+    @property
+    def axis_bd(self) -> NDArray[np.float64]:
+        """The (B, d) directions of the first axes."""
+        return self.axis_nd
+
+    def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Refuse what asks for semi-axes along one axis and across it: these have others (`axes`).
+
+        Raises
+        ------
+        ValueError
+            Always.
+
+        """
+        raise ValueError(
+            f"shapes must be discs, spheres, ellipses, spheroids or rigid bodies here, got {type(self).__name__}"
+        )
+
+    @property
+    def spread_nd(self) -> NDArray[np.float64]:
+        """The (N, d) mean squares of the distances along the axes from the center, over those of the radii [1]."""
+        return np.asarray(self._measures_n2[:, 1:] * self._semi_nd**2)
+
+    @property
+    def gyration_nk(self) -> NDArray[np.float64]:
+        """The (N, k) radii of gyration about the center in a plane, about the axes in space, over the radii [1]."""
+        spread = self.spread_nd
+        whole = spread.sum(axis=1, keepdims=True)
+        return np.asarray(np.sqrt(whole if self.dimension == 2 else whole - spread))
+
+    @property
+    def _turns_nk(self) -> NDArray[np.bool_]:
+        """Return (N, k) about which axes a turn changes a shape: of ellipsoids where the other two axes differ."""
+        sharp, ratio = (self.exponent_n > 2.0)[:, None], self.ratio_nd
+        if self.dimension == 2:
+            return np.asarray(sharp | (ratio[:, :1] != ratio[:, 1:]))
+        return np.asarray(sharp | (ratio[:, [1, 2, 0]] != ratio[:, [2, 0, 1]]))
+
+    @property
+    def start_n(self) -> NDArray[np.int64]:
+        """The (N + 1,) numbers of the first site of each particle: one site each."""
+        return np.arange(len(self) + 1)
+
+    @property
+    def particle_b(self) -> NDArray[np.int64]:
+        """The (B,) particles that the sites belong to."""
+        return np.arange(len(self))
+
+    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
+        return np.zeros_like(self.ratio_nd)
+
+    def site_radius(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the radii: sites are the particles [length]."""
+        return np.asarray(radius_n)
+
+    def reach(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N,) radii of the discs or spheres about the centers that just hold the particles [length].
+
+        By Hoelder's inequality the norm of the semi-axes with the exponent 2 p / (p - 2).
+        """
+        axes = self.axes(radius_n)
+        largest = axes.max(axis=1)
+        # 1 / (2 p / (p - 2)), zero of ellipsoids, whose norm is the largest semi-axis
+        inverse = 0.5 - 1.0 / self.exponent_n
+        power = 1.0 / np.where(inverse > 0.0, inverse, 1.0)
+        norm = ((axes / largest[:, None]) ** power[:, None]).sum(axis=1) ** inverse
+        return np.asarray(largest * np.where(inverse > 0.0, norm, 1.0))
+
+    site_reach = reach
+
+    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N,) zeros: particles turn within the discs or spheres that hold them [length]."""
+        return np.zeros(len(self))
+
+    def stiffening(self, radius_n: Any) -> tuple[float, float]:
+        """Return by how much the stiffness over mass of contacts, and of tangential springs, may exceed that of discs.
+
+        As of `Spheroids.stiffening`: a normal passes the center at a distance whose square is below that of the reach
+        less that of the smallest semi-axis, which is as near as a tangent comes.
+        """
+        radius = np.asarray(radius_n)
+        near, reach = self.axes(radius).min(axis=1), self.reach(radius)
+        square = (self.gyration_nk.min(axis=1) * radius) ** 2
+        normal = (radius / near) ** 2 * (1.0 + (reach**2 - near**2) / square)
+        return float(normal.max()), float((1.0 + reach**2 / square).max())
+
+    def surface_points(self, normal_md: NDArray[np.float64], radius_n: Any) -> NDArray[np.float64]:
+        """Return the (..., N, d) points of the surfaces, from the centers, where normals are (..., N, d) [length].
+
+        They are the slopes of the support h(n), which is the norm with the exponent p / (p - 1) of the components of n
+        along the axes times the semi-axes.
+        """
+        frame, axes = self.frames(), self.axes(radius_n)
+        along = (normal_md[..., :, None] * frame).sum(axis=-2) * axes
+        power = (1.0 / (self.exponent_n - 1.0))[:, None]
+        largest = np.abs(along).max(axis=-1, keepdims=True)
+        share = np.abs(along / largest) ** power
+        support = (share * np.abs(along / largest)).sum(axis=-1, keepdims=True) ** (1.0 / self.exponent_n)[:, None]
+        point = np.sign(along) * axes * share / support
+        return np.asarray((frame * point[..., None, :]).sum(axis=-1))
+
+    def long_axes(self) -> NDArray[np.float64]:
+        """Return the (N', d) axes of greatest extent of the particles that turn.
+
+        Raises
+        ------
+        ValueError
+            Naming a particle that has no such axis.
+
+        """
+        ratio, which = self.ratio_nd[self.turns_n], np.flatnonzero(self.turns_n)
+        ordered = np.sort(ratio, axis=1)
+        if (ordered[:, -1] == ordered[:, -2]).any():
+            n = int(which[(ordered[:, -1] == ordered[:, -2]).argmax()])
+            raise ValueError(f"packing.shapes must have one long axis each, got none for particle {n}")
+        return np.asarray(self.frames()[which, :, ratio.argmax(axis=1)])
+
+    def select(self, kept_n: NDArray[Any]) -> Superellipsoids:
+        """Return the shapes of some of the particles."""
+        return Superellipsoids(self.exponent_n[kept_n], self.ratio_nd[kept_n], self.orientation_nq[kept_n])
+
+
+@shown()
+@dataclass(frozen=True, eq=False)
+class Beads(_Framed):
     """Rigid bodies, each a union of discs or spheres that may overlap: dimers, n-mers, bent and asymmetric ones too.
 
     `rigid_packing` makes them, with what follows from their beads: the place of a particle is its center of mass (of
@@ -461,11 +803,6 @@ class Beads(_Turned):
         return int(self.offset_bd.shape[1])
 
     @property
-    def axis_nd(self) -> NDArray[np.float64]:
-        """The (N, d) directions by which pairs are aligned: the first axes of the bodies."""
-        return np.asarray(self.frames()[:, :, 0])
-
-    @property
     def names(self) -> tuple[str, str]:
         """What one of the particles is called, and several."""
         return "rigid body", "rigid bodies"
@@ -487,11 +824,6 @@ class Beads(_Turned):
         largest = np.maximum.reduceat(aside[:, : self.gyration_nk.shape[1]], self.start_n[:-1], axis=0)
         return np.asarray(largest > _ON_AXIS**2)
 
-    @property
-    def turns_n(self) -> NDArray[np.bool_]:
-        """The (N,) particles that turn: those of more than one bead."""
-        return np.asarray(self._turns_nk.any(axis=1))
-
     def reach(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) radii of the discs or spheres about the centers that hold the particles [length]."""
         far = np.sqrt((self.offset_bd**2).sum(axis=1)) + self.size_b
@@ -500,10 +832,6 @@ class Beads(_Turned):
     def sweep(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) distances from the centers within which beads go round as the bodies turn [length]."""
         return self.reach(radius_n)
-
-    def gyration(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N,) radii of gyration, the mean square of those about the axes in space [length]."""
-        return np.asarray(np.sqrt((self.gyration_nk**2).mean(axis=1)) * radius_n)
 
     def stiffening(self, radius_n: Any) -> tuple[float, float]:
         """Return by how much the stiffness over mass of contacts, and of tangential springs, may exceed that of discs.
@@ -520,19 +848,6 @@ class Beads(_Turned):
             arm = np.linalg.norm(turned, 2, axis=(1, 2))
         whole = arm + self.size_b / gyration.min(axis=1)
         return 1.0 + float((arm**2).max()), 1.0 + float((whole**2).max())
-
-    def frames(self) -> NDArray[np.float64]:
-        """Return (N, d, d) axes of the bodies in columns."""
-        if self.dimension == 2:
-            x, y = self.orientation_nq.T
-            return np.stack([np.stack([x, -y], axis=1), np.stack([y, x], axis=1)], axis=1)
-        w, x, y, z = self.orientation_nq.T
-        rows = [
-            [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
-        ]
-        return np.array(rows).transpose(2, 0, 1)
 
     def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (B, d) vectors from the particles' centers to their beads [length]."""
@@ -555,62 +870,7 @@ class Beads(_Turned):
         """Return the (B,) radii of the beads [length]."""
         return np.asarray(self.size_b * radius_n[self.particle_b])
 
-    def turn_rates(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N, k) angles about the axes that make one length of a coordinate of turns; 0 where nothing turns."""
-        return np.where(self._turns_nk, 1.0 / (self.gyration_nk * np.asarray(radius_n)[:, None]), 0.0)
-
-    def turn_basis(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N, K, t) rotations that one length of each coordinate of turns makes, K = 1 in a plane, else 3.
-
-        As of `Spheroids.turn_basis`, about the axes of the bodies. Zeros for single beads, and about rows of beads.
-        """
-        return self._about_axes(self.turn_rates(radius_n))
-
-    def spin_basis(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N, k, k) rotations as `turn_basis` does, where friction turns single beads and rows of beads, too."""
-        return self._about_axes(1.0 / (self.gyration_nk * np.asarray(radius_n)[:, None]))
-
-    def _about_axes(self, rate_nk: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self.dimension == 2:
-            return rate_nk[:, :, None]
-        return np.asarray(self.frames().transpose(0, 2, 1) * rate_nk[:, :, None])
-
-    def turned(self, rotation_nt: NDArray[np.float64]) -> Beads:
-        """Return the shapes turned by (N, 1) angles in a plane, or (N, 3) rotation vectors in space."""
-        if self.dimension == 2:
-            (x, y), angle = self.orientation_nq.T, rotation_nt[:, 0]
-            c, s = np.cos(angle), np.sin(angle)
-            return self.oriented(np.stack([c * x - s * y, s * x + c * y], axis=1))
-        angle = np.sqrt((rotation_nt**2).sum(axis=1, keepdims=True))
-        vector = 0.5 * np.sinc(angle / (2.0 * np.pi)) * rotation_nt
-        return self.oriented(_quaternion_product(np.hstack([np.cos(0.5 * angle), vector]), self.orientation_nq))
-
-    def rotation_since(self, start: Any) -> NDArray[np.float64]:
-        """Return the (N, 1) angles, or (N, 3) rotation vectors, by which the bodies have turned on the short way."""
-        one, other = start.orientation_nq, self.orientation_nq
-        if self.dimension == 2:
-            sine = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
-            return np.asarray(np.arctan2(sine, (one * other).sum(axis=1))[:, None])
-        turn = _quaternion_product(other, one * np.array([1.0, -1.0, -1.0, -1.0]))
-        turn *= np.where(turn[:, :1] < 0.0, -1.0, 1.0)
-        sine = np.sqrt((turn[:, 1:] ** 2).sum(axis=1))
-        angle = 2.0 * np.arctan2(sine, turn[:, 0])
-        return np.asarray(turn[:, 1:] * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 2.0)[:, None])
-
-    def coordinates(self, now: Any, radius_n: Any) -> NDArray[np.float64]:
-        """Return the (N, d) lengths that say how bodies like these are turned: rotations times radii of gyration.
-
-        In a plane the first component is that length and the other one nothing.
-        """
-        found = np.zeros((len(self), self.dimension))
-        rotation = now.rotation_since(self)
-        found[:, : rotation.shape[1]] = rotation * self.gyration(radius_n)[:, None]
-        return found
-
-    def at_coordinates(self, coordinate_nd: NDArray[np.float64], radius_n: Any) -> Beads:
-        """Return the bodies turned as such lengths say."""
-        rotations = 1 if self.dimension == 2 else 3
-        return self.turned(coordinate_nd[:, :rotations] / self.gyration(radius_n)[:, None])
+    site_reach = site_radius
 
     def long_axes(self) -> NDArray[np.float64]:
         """Return the (N', d) axes of greatest extent of the bodies of more than one bead.
@@ -654,7 +914,7 @@ def _quaternion_product(one_nq: NDArray[np.float64], other_nq: NDArray[np.float6
     return np.hstack([real, a * v + b * u + np.cross(u, v)])
 
 
-Shapes = Discs | Spheroids | Beads
+Shapes = Discs | Spheroids | Superellipsoids | Beads
 
 
 def same_but_turned(one: Shapes, other: Shapes) -> bool:

@@ -12,7 +12,7 @@ from packmech.contacts.cells import sort_row
 from packmech.contacts.excluded import rigid_clusters
 from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
-from packmech.shapes import Beads
+from packmech.shapes import Beads, Superellipsoids
 
 # relative overlaps below this are rounding: the lens is too small for any digit of the sum
 _TOUCHING = 1e-12
@@ -481,10 +481,13 @@ def union_moments(
     return volume, center[:d], second[:d, :d]
 
 
-def body_moments(shapes: Beads) -> NDArray[np.float64]:
-    """Return the (N, d, d) second moments of rigid bodies of unit radius over mass, in their own frames [length^2]."""
+def body_moments(shapes: Beads | Superellipsoids) -> NDArray[np.float64]:
+    """Return the (N, d, d) second moments of bodies of unit radius over mass, in their own frames [length^2]."""
     n, d, square = len(shapes), shapes.dimension, shapes.gyration_nk**2
     found = np.zeros((n, d, d))
+    if isinstance(shapes, Superellipsoids):
+        found[:, range(d), range(d)] = shapes.spread_nd
+        return found
     if d == 3:
         # moments of inertia are sums of two of these
         found[:, (0, 1, 2), (0, 1, 2)] = 0.5 * square.sum(axis=1, keepdims=True) - square
@@ -504,7 +507,7 @@ def body_moments(shapes: Beads) -> NDArray[np.float64]:
 def second_moments(packing: Packing) -> NDArray[np.float64]:
     """Return the (N, d, d) second moments of all particles about their centers, over mass, as they lie [length^2]."""
     shapes, radius, d = packing.shapes, packing.radius_n, packing.dimension
-    if isinstance(shapes, Beads):
+    if isinstance(shapes, Beads | Superellipsoids):
         frame = shapes.frames()
         return np.asarray(frame @ body_moments(shapes) @ frame.transpose(0, 2, 1)) * radius[:, None, None] ** 2
     share = 0.25 if d == 2 else 0.2

@@ -1,15 +1,17 @@
 """Contacts of particles with shapes: one distance each, with its slopes and curvatures along the pair's coordinates.
 
-Every law of spheroids is taken at rho = s (r_i + r_j), s the scale at which the two shapes touch, with the contact
-distance r_i + r_j: they overlap where rho is smaller. Of rigid bodies, each pair of beads has a contact of its own, at
-the beads' distance and with the sum of their radii. Coordinates of a pair are the vector from center i to center j and
-the rotations of i and of j, angles in a plane and rotation vectors in space.
+Every law of spheroids and superellipsoids is taken at rho = s (r_i + r_j), s the scale at which the two shapes touch,
+with the contact distance r_i + r_j: they overlap where rho is smaller. Of rigid bodies, each pair of beads has a
+contact of its own, at the beads' distance and with the sum of their radii. Coordinates of a pair are the vector from
+center i to center j and the rotations of i and of j, angles in a plane and rotation vectors in space.
 """
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +21,7 @@ from packmech.calls.honors import honors
 from packmech.check import instance
 from packmech.contacts.bead_contact import bead_contacts, turned_arms
 from packmech.contacts.elements import normal_slopes
+from packmech.contacts.gauge_contact import gauge_contacts
 from packmech.contacts.network import (
     Candidates,
     Contacts,
@@ -31,10 +34,13 @@ from packmech.contacts.network import (
 )
 from packmech.contacts.scaled_contact import scaled_contacts
 from packmech.packing import Packing
-from packmech.shapes import Shapes, Spheroids
+from packmech.shapes import Beads, Shapes, Spheroids, Superellipsoids
 
 # changes of coordinates below this, relative to contact distances, change rho by less than its rounding shows
 _SMALL = 1e-5
+
+# (C,) distances, (C, X) slopes, and (C, X, X) curvatures or none
+_Distances = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
 @shown(lambda one: f"{len(one)} contacts of {one.particles} particles")
@@ -47,7 +53,7 @@ class ShapeContacts:
     i_c, j_c, image_cd, distance_c, contact_distance_c, kinds_c, particles, dimension
         As in `Contacts`, distances those at which laws are taken.
     site_i_c, site_j_c
-        (C,) beads that touch, as the shapes number them; of ellipses and spheroids the particles again.
+        (C,) beads that touch, as the shapes number them; of other shapes the particles again.
     vector_cd
         (C, d) vectors from center i to center j [length].
     slope_cx
@@ -91,7 +97,7 @@ class ShapeContacts:
 
     @property
     def effective_radius_c(self) -> NDArray[np.float64]:
-        """The (C,) values of r_i r_j / (r_i + r_j) of the beads that touch [length]; nan of ellipses and spheroids."""
+        """The (C,) values of r_i r_j / (r_i + r_j) of the beads that touch [length]; nan of other shapes."""
         if not self.shapes.has_beads:
             return np.full(len(self), np.nan)
         radius_b = self.shapes.site_radius(self.radius_n)
@@ -125,8 +131,12 @@ class ShapeContacts:
         """Return the (C, d) vectors from center i to the point of contact [length].
 
         Sites touch when both are scaled by s = rho / sigma: at s A n / g from their centers, A their matrix of squared
-        semi-axes, g = sqrt(n A n).
+        semi-axes, g = sqrt(n A n), where they are spheroids.
         """
+        if not self.shapes.has_spheroid_sites:
+            shapes: Any = self.shapes.select(self.site_i_c)
+            own = shapes.surface_points(self.normal_cd, radius_n[self.site_i_c])
+            return np.asarray((1.0 - self.overlap_c)[:, None] * own)
         arm = self.shapes.arms(radius_n)[self.site_i_c]
         return np.asarray(arm + (1.0 - self.overlap_c)[:, None] * self._support(radius_n)[0])
 
@@ -211,7 +221,7 @@ def candidate_sites(packing: Packing, scale: float = 1.0, skin: float = 0.0) -> 
     Sites are particles, in whose surrounding discs or spheres their shapes are, or beads of different bodies.
     """
     bodies, radius = packing.shapes, packing.radius_n
-    owner, reach = bodies.particle_b, np.maximum(*bodies.semi_axes(radius))
+    owner, reach = bodies.particle_b, bodies.site_reach(radius)
     place = packing.position_nd[owner] + bodies.arms(radius)
     found = candidate_pairs(place, reach, packing.box, scale=scale, skin=skin)
     if not bodies.has_beads:
@@ -247,21 +257,59 @@ def shape_contacts(packing: Packing, pairs: Candidates, *, second: bool = False)
     sigma = size[pairs.i_c] + size[pairs.j_c]
     apart = vector + arm[pairs.j_c] - arm[pairs.i_c]
     _check_apart("beads" if shapes.has_beads else "particles", apart, pairs.i_c, pairs.j_c)
-    if not isinstance(shapes, Spheroids):
-        distance, first, curvature = bead_contacts(apart, arm[pairs.i_c], arm[pairs.j_c], second=second)
-    else:
-
-        def both(array: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.stack([array[i], array[j]], axis=1)
-
-        radius, aspect, director = both(packing.radius_n), both(shapes.aspect_n), both(shapes.director_nd)
-        found = scaled_contacts(vector, radius, aspect, director, second=second)
-        distance, first = found.scale_p * sigma, found.first_px * sigma[:, None]
-        curvature = found.second_pxx * sigma[: len(found.second_pxx), None, None]
+    distance, first, curvature = _MEASURES[type(shapes)](packing, pairs, apart, second)
     return ShapeContacts(
         i, j, pairs.image_cd, vector, distance, sigma, kinds_of_pairs(packing, i, j), first, curvature,
         pairs.i_c, pairs.j_c, packing.particles, packing.dimension, packing.radius_n, shapes,
     )  # fmt: skip
+
+
+def _between_beads(packing: Packing, pairs: Candidates, apart_cd: NDArray[np.float64], second: bool) -> _Distances:
+    """Return distances of beads that are so far apart, with slopes and curvatures."""
+    arm = packing.shapes.arms(packing.radius_n)
+    return bead_contacts(apart_cd, arm[pairs.i_c], arm[pairs.j_c], second=second)
+
+
+def _between_spheroids(packing: Packing, pairs: Candidates, apart_cd: NDArray[np.float64], second: bool) -> _Distances:
+    """Return rho of ellipses or spheroids, with slopes and curvatures."""
+    arrays = packing.shapes.arrays()
+    radius, aspect, director = (_both(one, pairs) for one in (packing.radius_n, *arrays.values()))
+    found = scaled_contacts(apart_cd, radius, aspect, director, second=second)
+    return _scaled(found.scale_p, found.first_px, found.second_pxx, radius.sum(axis=1))
+
+
+def _between_superellipsoids(
+    packing: Packing, pairs: Candidates, apart_cd: NDArray[np.float64], second: bool
+) -> _Distances:
+    """Return rho of superellipses or superellipsoids, with slopes and curvatures."""
+    shapes: Any = packing.shapes
+    own = packing.radius_n, shapes.axes(packing.radius_n), shapes.exponent_n, shapes.frames()
+    radius, semi, exponent, frame = (_both(one, pairs) for one in own)
+    found = gauge_contacts(apart_cd, semi, exponent, frame, second=second)
+    return _scaled(found.scale_p, found.first_px, found.second_pxx, radius.sum(axis=1))
+
+
+def _both(array_n: NDArray[np.float64], pairs: Candidates) -> NDArray[np.float64]:
+    """Return what particles i and j have, side by side."""
+    return np.stack([array_n[pairs.i_c], array_n[pairs.j_c]], axis=1)
+
+
+def _scaled(
+    scale_c: NDArray[np.float64],
+    first_cx: NDArray[np.float64],
+    second_cxx: NDArray[np.float64],
+    sigma_c: NDArray[np.float64],
+) -> _Distances:
+    """Return rho = s sigma of scales at which shapes touch, with slopes and curvatures."""
+    return scale_c * sigma_c, first_cx * sigma_c[:, None], second_cxx * sigma_c[: len(second_cxx), None, None]
+
+
+# how the distances of each kind of shape are measured
+_MEASURES: dict[type, Callable[[Packing, Candidates, NDArray[np.float64], bool], _Distances]] = {
+    Beads: _between_beads,
+    Spheroids: _between_spheroids,
+    Superellipsoids: _between_superellipsoids,
+}
 
 
 def _check_apart(what: str, vector_cd: NDArray[np.float64], i_c: NDArray[np.int64], j_c: NDArray[np.int64]) -> None:

@@ -352,10 +352,10 @@ def must_be_alike(name: str, scene: Any, first: Scene) -> None:
     """Check that a scene has the dimension and kinds of effects and shapes of the first one of its batch."""
     instance(name, scene, Scene)
     _HONORS.check(name, scene)
-    if scene.packing.shapes.has_beads:
+    if scene.packing.shapes.has_frames:
         raise ValueError(
-            f"{name}.packing must be of discs, spheres, ellipses or spheroids for pm.ShearBatch, got Beads: "
-            "pm.simulate and pm.oscillatory_shear step those"
+            f"{name}.packing must be of discs, spheres, ellipses or spheroids for pm.ShearBatch, got "
+            f"{type(scene.packing.shapes).__name__}: pm.simulate and pm.oscillatory_shear step those"
         )
     if scene.packing.dimension != first.packing.dimension:
         raise ValueError(f"{name} must have the dimension of the first scene, got {scene.packing.dimension}")

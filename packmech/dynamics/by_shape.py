@@ -2,8 +2,8 @@
 """What depends on the shapes of particles in a time step: the type of what is given chooses, here and nowhere else.
 
 Discs and spheres have none (None), ellipses and spheroids `ShapeRows` (their functions are in `shape_pairs`), rigid
-bodies of beads `BodyRows` (`rigid_bodies`). A pair of bodies may touch in many places, counted by k; each touch has a
-distance rho and its slopes.
+bodies of beads and superellipsoids `BodyRows` (`rigid_bodies`). A pair of bodies may touch in many places, counted by
+k; each touch has a distance rho and its slopes.
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined
 from packmech.minimize.passes.interaction_rows import law_between
 from packmech.minimize.passes.kernels import coincident_direction
-from packmech.minimize.passes.shape_rows import BeadRows, ShapeRows, ShapeTouch, shape_rows
+from packmech.minimize.passes.shape_rows import ShapeRows, ShapeTouch, shape_rows
 from packmech.packing import Packing
-from packmech.shapes import Beads
 
 Shaped = ShapeRows | BodyRows
 
@@ -47,13 +46,12 @@ law_of_rows = by_shape(law_between, law_between, _law_of_bodies)
 
 def shapes_in_motion(packing: Packing, order_n: NDArray[np.int64]) -> Shaped | None:
     """Return the shapes of a packing by rows, turned as they are; None for discs and spheres."""
-    shapes = packing.shapes
+    shapes: Any = packing.shapes
     for rows in shape_rows(packing, order_n):
-        if isinstance(rows, BeadRows) and isinstance(shapes, Beads):
+        if not isinstance(rows, ShapeRows):
             return body_rows(rows, shapes.select(order_n))
-        if isinstance(rows, ShapeRows):
-            rows.unit_nd[:, : packing.dimension] = shapes.orientation_nq[order_n]
-            return rows
+        rows.unit_nd[:, : packing.dimension] = shapes.orientation_nq[order_n]
+        return rows
     return None
 
 
@@ -138,7 +136,9 @@ def _inertia_of_spheroids(shapes, axes, weight_nk, pair, touch):
 def _inertia_of_bodies(bodies, axes, weight_nk, pair, touch):
     i, j = pair.i, pair.j
     x, y, z = of_bodies.turned_by(bodies, axes, i, touch.ix, touch.iy, touch.iz)
-    total = weight_nk[i, 0] + weight_nk[j, 0] + weight_nk[i, 1] * (touch.ix * x + touch.iy * y + touch.iz * z)
+    steep = of_bodies.steepness(bodies, touch)
+    total = (weight_nk[i, 0] + weight_nk[j, 0]) * (steep * steep)
+    total += weight_nk[i, 1] * (touch.ix * x + touch.iy * y + touch.iz * z)
     x, y, z = of_bodies.turned_by(bodies, axes, j, touch.jx, touch.jy, touch.jz)
     return _inverse(total + weight_nk[j, 1] * (touch.jx * x + touch.jy * y + touch.jz * z))
 
@@ -205,7 +205,7 @@ rate_of_touch = by_shape(_rate_of_discs, of_spheroids.rate_of_spheroids, of_bodi
 # the inertia of the rows against a change of its distance; 0 where nothing can move
 inertia_against = by_shape(_inertia_of_discs, _inertia_of_spheroids, _inertia_of_bodies)
 # the size of the slope of its distance along the vector between the centers, which makes a force of the derivative
-steepness = by_shape(_whole, of_spheroids.steepness, _whole)
+steepness = by_shape(_whole, of_spheroids.steepness, of_bodies.steepness)
 # how the rows slip there
 slip_at_touch = by_shape(_slip_of_discs, of_spheroids.slip_of_spheroids, of_bodies.slip_of_bodies)
 # torques on both rows with those of the slopes of its distance along their turns

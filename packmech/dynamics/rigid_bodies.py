@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Rigid bodies of discs or spheres in a time step: contacts of their beads, how they turn, and their observables.
+"""Rigid bodies in a time step, of discs or spheres, or superellipsoids: contacts, how they turn, and their observables.
 
 In a plane a body turns at the spin in its row. In space its row holds its angular momentum over the mean of its moments
 of inertia, as nothing but torques changes that. With the energy of rotation as
@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 
 from packmech.contacts.fused_volume import body_moments
 from packmech.dynamics.friction import Slip, cross, slip_of_round
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, kernel
-from packmech.minimize.passes.shape_rows import BeadRows, touch_of_two_beads, touches
+from packmech.minimize.passes.kernels import coincident_direction
+from packmech.minimize.passes.shape_rows import BeadRows, GaugeRows, shape_touch, touch_of_two_beads, touches
 from packmech.minimize.passes.shape_singles import RowMotion, energy_of_shape, push_on_shape
-from packmech.shapes import Beads
+from packmech.shapes import Beads, Superellipsoids
 
 
 class BodyRows(NamedTuple):
@@ -35,7 +37,7 @@ class BodyRows(NamedTuple):
     Attributes
     ----------
     beads
-        Their beads; frames and arms are those of `turn_nq`.
+        Their beads, or superellipsoids; frames and arms are those of `turn_nq`.
     turn_nq
         (N, 4) unit quaternions; in a plane directions of the first axes, then zeros.
     share_nk
@@ -47,14 +49,14 @@ class BodyRows(NamedTuple):
 
     """
 
-    beads: BeadRows
+    beads: BeadRows | GaugeRows
     turn_nq: NDArray[np.float64]
     share_nk: NDArray[np.float64]
     axis_nk: NDArray[np.int64]
     spread_ndd: NDArray[np.float64]
 
 
-def body_rows(beads: BeadRows, shapes: Beads) -> BodyRows:
+def body_rows(beads: BeadRows | GaugeRows, shapes: Beads | Superellipsoids) -> BodyRows:
     """Return bodies as they stand, from their beads by rows, and the shapes in the order of these."""
     n, d = len(shapes), shapes.dimension
     turn, share = np.zeros((n, 4)), np.ones((n, 3))
@@ -279,10 +281,40 @@ def _two_beads(beads, pair, k):
 
 
 @inlined
+def _touch_of_beads(beads, axes, pair, k):
+    one, other = _two_beads(beads, pair, k)
+    return touch_of_two_beads(beads, one, other, pair.dx, pair.dy, pair.dz)
+
+
+@inlined
+def _touch_of_superellipsoids(beads, axes, pair, k):
+    i, j, dx, dy, dz = pair.i, pair.j, pair.dx, pair.dy, pair.dz
+    if dx * dx + dy * dy + dz * dz == 0.0:
+        sigma = beads.radius_n[i] + beads.radius_n[j]
+        nx, ny, nz = coincident_direction(i, j, len(axes))
+        dx, dy, dz = 1e-9 * sigma * nx, 1e-9 * sigma * ny, 1e-9 * sigma * nz
+    return shape_touch(beads, i, j, 0, dx, dy, dz, len(axes))
+
+
+@inlined
+def _steepness_of_touch(beads, touch):
+    return math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
+
+
+_touch = by_type(_touch_of_beads, {GaugeRows: _touch_of_superellipsoids})
+_steepness = by_type(lambda beads, touch: 1.0, {GaugeRows: _steepness_of_touch})
+
+
+@inlined
+def steepness(bodies, touch):
+    """Return the size of the slope of a distance along the vector between the centers: 1 of beads."""
+    return _steepness(bodies.beads, touch)
+
+
+@inlined
 def touch_of_bodies(bodies, axes, body, pair, k):
-    """Return the touch of two beads."""
-    one, other = _two_beads(bodies.beads, pair, k)
-    return touch_of_two_beads(bodies.beads, one, other, pair.dx, pair.dy, pair.dz)
+    """Return the touch of two beads, or of two superellipsoids."""
+    return _touch(bodies.beads, axes, pair, k)
 
 
 @inlined

@@ -17,6 +17,7 @@ from packmech.files.snapshot import FIELD_WORDS, Snapshot
 # what formats may keep beside positions, radii, masses and the box
 LINKS, TANGENTIAL, SPHEROIDS, BODIES = "links", "tangential displacements", "spheroids", "rigid bodies"
 KINDS = "kinds of particles"
+SUPERELLIPSOIDS = "superellipsoids"
 BONDS, FORCES, STEP, LAW = "springs", "contact forces", "step", "law"
 EVERYTHING = frozenset((LINKS, TANGENTIAL, SPHEROIDS, BODIES, KINDS))
 
@@ -160,6 +161,8 @@ class Format:
         shapes = snapshot.packing.shapes
         if not shapes.has_orientations:
             return ""
+        if not shapes.has_spheroid_sites:
+            return SUPERELLIPSOIDS
         return BODIES if shapes.has_beads else SPHEROIDS
 
     def kept(self, snapshot: Snapshot) -> Snapshot:
@@ -167,7 +170,7 @@ class Format:
         packing = snapshot.packing
         lost = {what for what, _, _ in self.not_kept(snapshot)}
         changes: dict[str, Any] = {LINKS: {"links": None}, TANGENTIAL: {"tangential": None}, KINDS: {"kind_n": None}}
-        changes |= dict.fromkeys((SPHEROIDS, BODIES), {"shapes": None})
+        changes |= dict.fromkeys((SPHEROIDS, BODIES, SUPERELLIPSOIDS), {"shapes": None})
         for what in lost & changes.keys():
             packing = packing.replace(**changes[what])
         return Snapshot(

@@ -10,7 +10,8 @@ and ``tangential_displacement_ck``, as ``pm.TangentialDisplacements`` describes 
 it version 5, are ``spheroid_aspect_n`` and ``spheroid_director_nd``, as ``pm.Spheroids`` describes them, and rigid
 bodies, which make it version 6, the fields of ``pm.Beads`` after ``bead_``; their tangential displacements, which make
 it version 7, have ``tangential_bead_c2``, too; ``tangential_rolling_ck`` and ``tangential_twisting_c`` make version 8,
-and kinds of particles, ``kind_n`` (N,) where there are several, version 9.
+kinds of particles, ``kind_n`` (N,) where there are several, version 9, and the fields of ``pm.Superellipsoids`` after
+``superellipsoid_`` version 10.
 Of a `Snapshot`, fields are arrays ``field_NAME``, forces of contacts
 ``contact_i_c`` and so on, springs ``bonds`` (a JSON table in bytes), and there is ``step``; none of them changes the
 packing, nor the version. Other arrays are left out, and listed in a warning.
@@ -29,12 +30,12 @@ import numpy as np
 from packmech.box import Box
 from packmech.effects.bonds import BondLimits, Bonds
 from packmech.effects.laws import registered_laws
-from packmech.files.formats import BONDS, EVERYTHING, FORCES, LAW, STEP, Format, Given, One
+from packmech.files.formats import BONDS, EVERYTHING, FORCES, LAW, STEP, SUPERELLIPSOIDS, Format, Given, One
 from packmech.files.records import OpenKinds, from_table, kinds_of, to_table
 from packmech.files.snapshot import ContactData, Snapshot
 from packmech.links import Links
 from packmech.packing import Packing
-from packmech.shapes import Beads, Discs, Shapes, Spheroids
+from packmech.shapes import Beads, Discs, Shapes, Spheroids, Superellipsoids
 from packmech.tangential import TangentialDisplacements
 
 # a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
@@ -48,8 +49,14 @@ _TANGENTIAL = ("tangential_", ("i_c", "j_c", "image_cd", "displacement_ck"), "ta
 _SPRINGS_ALSO = ("bead_c2", "rolling_ck", "twisting_c", "memory_ck", "at_wall_w", "wall_stretch_wk")
 _SPHEROIDS = ("spheroid_", ("aspect_n", "director_nd"), "shapes")
 _BEADS = ("bead_", ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"), "shapes")
+_SUPERELLIPSOIDS = ("superellipsoid_", ("exponent_n", "ratio_nd", "orientation_nq"), "shapes")
 # of the arrays of shapes: what their names begin with, and the version of the format that has them
-_SHAPES = {Discs: ("", 1), Spheroids: (_SPHEROIDS[0], 5), Beads: (_BEADS[0], 6)}
+_SHAPES = {
+    Discs: ("", 1),
+    Spheroids: (_SPHEROIDS[0], 5),
+    Beads: (_BEADS[0], 6),
+    Superellipsoids: (_SUPERELLIPSOIDS[0], 9),
+}
 REQUIRED = ("position_nd", "radius_n", "lattice_dd")
 # all arrays that a file may hold of a packing
 OWN = (
@@ -57,7 +64,11 @@ OWN = (
     "mass_n",
     "kind_n",
     *(_TANGENTIAL[0] + name for name in _SPRINGS_ALSO),
-    *(prefix + name for prefix, names, _ in (LINK_GROUP, _TANGENTIAL, _SPHEROIDS, _BEADS) for name in names),
+    *(
+        prefix + name
+        for prefix, names, _ in (LINK_GROUP, _TANGENTIAL, _SPHEROIDS, _BEADS, _SUPERELLIPSOIDS)
+        for name in names
+    ),
 )
 FIELD, CONTACT = "field_", "contact_"
 
@@ -139,9 +150,11 @@ def _springs_in(arrays: Mapping[str, Any]) -> TangentialDisplacements | None:
 
 def _shapes_in(arrays: Mapping[str, Any]) -> Shapes | None:
     """Return the shapes that are written out in arrays, if there are any."""
-    spheroids, beads = (_group(arrays, *one) for one in (_SPHEROIDS, _BEADS))
-    if spheroids is not None and beads is not None:
-        raise ValueError("it must hold arrays of spheroids or of rigid bodies, got both")
+    spheroids, beads, superellipsoids = (_group(arrays, *one) for one in (_SPHEROIDS, _BEADS, _SUPERELLIPSOIDS))
+    if sum(one is not None for one in (spheroids, beads, superellipsoids)) > 1:
+        raise ValueError("it must hold arrays of spheroids, of rigid bodies or of superellipsoids, got several of them")
+    if superellipsoids is not None:
+        return Superellipsoids(*superellipsoids)
     if beads is not None:
         start, offset, size, gyration, orientation = beads
         # the schema of gsd flattens a single column
@@ -241,4 +254,4 @@ def _frames(path: Path, given: Given) -> One:
     return One(lambda: _read(path))
 
 
-NPZ = Format("npz", (".npz",), EVERYTHING | {BONDS, FORCES, STEP, LAW}, _frames, _write)
+NPZ = Format("npz", (".npz",), EVERYTHING | {SUPERELLIPSOIDS, BONDS, FORCES, STEP, LAW}, _frames, _write)

@@ -14,7 +14,7 @@ from packmech.check import clear_errors, finite_array, instance, integer, positi
 from packmech.generate.cluster_shapes import RandomShape, Shape, drawn_clusters
 from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
-from packmech.shapes import Shapes, Spheroids
+from packmech.shapes import SHARPEST, Shapes, Spheroids, Superellipsoids
 
 # A gaussian factor this far from 1 is drawn again: radii stay positive, and cutting both tails alike keeps the mean.
 _LARGEST_DEVIATION = 0.9
@@ -328,6 +328,55 @@ class Ellipses:
         )
         object.__setattr__(self, "aspect", aspect)
 
+    def drawn(self, particles: int, dimension: int, rng: np.random.Generator) -> Spheroids:
+        """Return so many ellipses or spheroids, turned in all directions alike."""
+        given = self.aspect
+        aspect_n = (
+            np.full(particles, given) if np.ndim(given) == 0 else positive_array("aspect", given, shape=(particles,))
+        )
+        return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
+
+
+@dataclass(frozen=True)
+class Superellipses:
+    """Superellipses, in space superellipsoids, all of one form, for `random_packing`.
+
+    Parameters
+    ----------
+    exponent
+        Exponent of |x/a|^p + |y/b|^p (+ |z/c|^p) = 1: 2 for ellipses and for ellipsoids, which may have three different
+        axes, up to 50 for nearly rectangles and boxes [1].
+    ratios
+        The two or three semi-axes over each other; all equal unless given [1].
+
+    Examples
+    --------
+    >>> flat = Superellipses(2.0, ratios=(3.0, 2.0, 1.0))
+    >>> packing = random_packing(8, dimension=3, packing_fraction=0.5, shapes=flat, seed=1)
+    >>> packing.shapes.axes(packing.radius_n)[0].round(6).tolist()
+    [0.82548, 0.55032, 0.27516]
+
+    """
+
+    exponent: float = 4.0
+    ratios: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "exponent", real("exponent", self.exponent, at_least=2.0, at_most=SHARPEST))
+        if self.ratios is not None:
+            ratios = positive_array("ratios", self.ratios, shape=(None,))
+            if len(ratios) not in (2, 3):
+                raise ValueError(f"ratios must be two or three, got {len(ratios)}")
+            object.__setattr__(self, "ratios", tuple(ratios.tolist()))
+
+    def drawn(self, particles: int, dimension: int, rng: np.random.Generator) -> Superellipsoids:
+        """Return so many of them, turned in all directions alike."""
+        ratios = (1.0,) * dimension if self.ratios is None else self.ratios
+        if len(ratios) != dimension:
+            raise ValueError(f"ratios must be one for each of {dimension} axes, got {ratios}")
+        turn = rng.standard_normal((particles, 2 if dimension == 2 else 4))
+        return Superellipsoids(np.full(particles, self.exponent), np.tile(ratios, (particles, 1)), turn)
+
 
 @clear_errors
 def random_packing(
@@ -340,7 +389,7 @@ def random_packing(
     rng: np.random.Generator | None = None,
     box: Box | ArrayLike | None = None,
     density: float | None = None,
-    shapes: Ellipses | Shape | RandomShape | None = None,
+    shapes: Ellipses | Superellipses | Shape | RandomShape | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions, in a box that gives the packing fraction asked for.
 
@@ -366,9 +415,9 @@ def random_packing(
     density
         Mass over area, or over volume in space, of every particle [mass/length^d]; as of a `Packing` unless given.
     shapes
-        ``Ellipses`` of an aspect, or rigid bodies of the shape of a cluster (``Dimer``, ``Trimer``, ``LinearCluster``,
-        ..., or anything that `cluster_packing` takes), of the discs' or spheres' areas or volumes and turned in all
-        directions alike. The radii and positions are those of the same seed without.
+        ``Ellipses`` of an aspect, ``Superellipses``, or rigid bodies of the shape of a cluster (``Dimer``, ``Trimer``,
+        ``LinearCluster``, ..., or anything that `cluster_packing` takes), of the discs' or spheres' areas or volumes
+        and turned in all directions alike. The radii and positions are those of the same seed without.
 
     Raises
     ------
@@ -400,19 +449,20 @@ def random_packing(
 
 
 def _random_shapes(
-    shapes: Ellipses | Shape | RandomShape | None, particles: int, dimension: int, rng: np.random.Generator
+    shapes: Ellipses | Superellipses | Shape | RandomShape | None,
+    particles: int,
+    dimension: int,
+    rng: np.random.Generator,
 ) -> Shapes | None:
     """Return shapes turned in all directions alike, None where none are given."""
     if shapes is None:
         return None
-    if isinstance(shapes, Ellipses):
-        given = shapes.aspect
-        aspect_n = (
-            np.full(particles, given) if np.ndim(given) == 0 else positive_array("aspect", given, shape=(particles,))
-        )
-        return Spheroids(aspect_n, rng.standard_normal((particles, dimension)))
+    if isinstance(shapes, Ellipses | Superellipses):
+        return shapes.drawn(particles, dimension, rng)
     if not isinstance(shapes, Shape | RandomShape):
-        raise TypeError(f"shapes must be Ellipses or a shape of a cluster, such as Dimer(), got {shapes!r}")
+        raise TypeError(
+            f"shapes must be Ellipses, Superellipses or a shape of a cluster, such as Dimer(), got {shapes!r}"
+        )
     clusters = drawn_clusters(shapes, particles, dimension, rng)
     found = {key: body_of(one.position_bd, one.radius_b) for key, one in {id(one): one for one in clusters}.items()}
     return beads_of([found[id(one)] for one in clusters], rng.standard_normal((particles, 2 if dimension == 2 else 4)))
@@ -439,7 +489,7 @@ def fill_box(
     seed: int | None = None,
     rng: np.random.Generator | None = None,
     density: float | None = None,
-    shapes: Ellipses | Shape | RandomShape | None = None,
+    shapes: Ellipses | Superellipses | Shape | RandomShape | None = None,
 ) -> Packing:
     """Return discs or spheres at independent uniform positions in this very box, of radii that fill it as asked.
 

@@ -336,7 +336,7 @@ def spectral_density(packing: Packing, index_kd: ArrayLike) -> NDArray[np.float6
     """
     waves = _Waves(packing, index_kd)
     shapes, d = packing.shapes, packing.dimension
-    if shapes.has_beads:
+    if shapes.has_beads or not shapes.has_spheroid_sites:
         raise ValueError(
             f"packing must be of discs, spheres, ellipses or spheroids for pm.spectral_density, got "
             f"{type(shapes).__name__}: ask pm.structure_factor for their centers"

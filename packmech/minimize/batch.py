@@ -199,7 +199,7 @@ class QuenchBatch:
         # unstable directions where packings are now; None until `outcome` is called
         self._negative_b: list[int | None] = [None] * self.batch
         self._packings: Any = None
-        self._turns_in_space = scene.packing.shapes.has_beads and scene.packing.dimension == 3
+        self._turns_in_space = scene.packing.shapes.has_frames and scene.packing.dimension == 3
         # the minimizer's state of each packing
         self._number_bk: list[NDArray[np.float64]] = []
         self._all = np.arange(self.batch)

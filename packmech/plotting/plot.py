@@ -46,7 +46,7 @@ from packmech.rheology.strain_run import StrainRun
 from packmech.scene import Scene
 from packmech.validation.work_precision import WorkPrecision, error_heading
 from packmech.view import drawing
-from packmech.view.figures import COLORS, MARKERS, STYLE, matplotlib_parts, new_axes
+from packmech.view.figures import COLORS, MARKERS, STYLE, matplotlib_parts, new_axes, outlined
 
 SIZE, SQUARE, SMALL = (5.6, 3.8), (6.4, 5.6), (2.6, 2.6)
 # kinds of particles that a legend lists, in as many colors
@@ -295,21 +295,8 @@ def _rattlers(packing: Packing, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
 
 
 def _add_particles(ax: Any, outlines: drawing.Outlines, fill: Any, order: float, *, owned: bool = True) -> None:
-    parts = matplotlib_parts()
-    ax.add_collection(
-        parts.EllipseCollection(
-            outlines.width_k,
-            outlines.height_k,
-            outlines.angle_k,
-            units="xy",
-            offsets=outlines.place_ks[:, :2],
-            transOffset=ax.transData,
-            facecolors=fill[outlines.owner_k] if owned else fill,
-            edgecolors=EDGE,
-            linewidths=0.3,
-            zorder=order,
-        )
-    )
+    color = fill[outlines.owner_k] if owned else fill
+    ax.add_collection(outlined(ax, outlines, facecolors=color, edgecolors=EDGE, linewidths=0.3, zorder=order))
 
 
 def _limits(ax: Any, packing: Packing, outlines: drawing.Outlines) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -36,6 +36,7 @@ from packmech.generate import (
     Shape,
     SizeDistribution,
     StarCluster,
+    Superellipses,
     Trimer,
     Uniform,
     assign_kinds,
@@ -49,7 +50,7 @@ from packmech.generate import (
 from packmech.links import Links
 from packmech.packing import Packing, masses_of_density
 from packmech.scene import Scene
-from packmech.shapes import Beads, Shapes, Spheroids
+from packmech.shapes import Beads, Shapes, Spheroids, Superellipsoids
 
 Vectors = tuple[tuple[float, ...], ...]
 P = TypeVar("P", bound=Callable[..., Packing])
@@ -61,7 +62,7 @@ _CLUSTERS = kinds_of((Cluster, Dimer, Trimer, RingCluster, StarCluster, LinearCl
 NESTED = {
     "sizes": kinds_of((Monodisperse, Bidisperse, Mixture, Uniform, Normal, LogNormal)),
     "shape": _CLUSTERS,
-    "shapes": _CLUSTERS | kinds_of((Ellipses,)),
+    "shapes": _CLUSTERS | kinds_of((Ellipses, Superellipses)),
 }
 # the functions that make packings, by kind
 PACKINGS: dict[str, Callable[..., Packing]] = {}
@@ -183,7 +184,7 @@ def _prepared(
     law: Law = _LAW,
     force_tolerance: float = 1e-10,
     density: float | None = None,
-    shapes: Ellipses | Shape | None = None,
+    shapes: Ellipses | Superellipses | Shape | None = None,
 ) -> Packing:
     """Return a random packing at its energy minimum under the law, without friction and bonds.
 
@@ -247,11 +248,13 @@ def _inline(
     bead_sizes: tuple[float, ...] | None = None,
     gyration_radii: Vectors | None = None,
     orientations: Vectors | None = None,
+    exponents: tuple[float, ...] | None = None,
+    axis_ratios: Vectors | None = None,
 ) -> Packing:
     """Return the packing of lattice vectors and positions, one in a line, and radii; links have one entry each.
 
-    With `aspects` and `directors`, one in a line, particles are ellipses or spheroids; with the other fields, which are
-    those of `pm.Beads`, rigid bodies.
+    With `aspects` and `directors`, one in a line, particles are ellipses or spheroids; with `exponents`, `axis_ratios`
+    and `orientations` superellipsoids; with the other fields, which are those of `pm.Beads`, rigid bodies.
     """
     box = Box(_columns(lattice_vectors))
     if masses is not None and density is not None:
@@ -272,7 +275,20 @@ def _inline(
         "orientations": orientations,
     }
     shapes: Shapes | None = None
-    if bead_starts is not None:
+    if exponents is not None:
+        others = {"bead_starts": bead_starts, "aspects": aspects, "directors": directors}
+        others |= {name: value for name, value in bodies.items() if name != "orientations"}
+        given = next((name for name, value in others.items() if value is not None), None)
+        if given is not None:
+            raise ValueError(f"{given} must be left out where exponents are given, got {others[given]!r:.40}")
+        if axis_ratios is None or orientations is None:
+            lacking = "axis_ratios" if axis_ratios is None else "orientations"
+            raise ValueError(f"{lacking} must be given with exponents, got nothing")
+        rows = _rows("axis_ratios", axis_ratios), _rows("orientations", orientations)
+        shapes = Superellipsoids(np.array(exponents), *rows)
+    elif axis_ratios is not None:
+        _left_out({"axis_ratios": axis_ratios}, "exponents")
+    elif bead_starts is not None:
         _left_out({"directors": directors, "aspects": aspects}, "bead_starts")
         missing = next((name for name, value in bodies.items() if value is None), None)
         if missing is not None:
@@ -309,6 +325,8 @@ FIELD_OF = {
     "size_b": "bead_sizes",
     "gyration_nk": "gyration_radii",
     "orientation_nq": "orientations",
+    "exponent_n": "exponents",
+    "ratio_nd": "axis_ratios",
     "i_l": "link_pairs",
     "j_l": "link_pairs",
     "links": "link_pairs",

@@ -326,6 +326,9 @@ class Sites:
         (B,) particles that they belong to.
     round
         Whether all are discs or spheres.
+    corner_bks
+        (B, corners + 1, 2) closed outlines about the centers, of superellipses [length]; None of all others, and the
+        semi-axes of superellipses are both those of the circle that holds them.
 
     """
 
@@ -335,9 +338,12 @@ class Sites:
     axis_bd: NDArray[np.float64]
     owner_b: NDArray[np.int64]
     round: bool
+    corner_bks: NDArray[np.float64] | None = None
 
     def outlines(self, corners: int = 32) -> NDArray[np.float64]:
-        """Return (B, corners + 1, 2) closed lines around ellipses."""
+        """Return (B, corners + 1, 2) closed lines around ellipses, or the outlines of superellipses."""
+        if self.corner_bks is not None:
+            return np.asarray(self.place_bd[:, None] + self.corner_bks)
         angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)[:, None]
         aside_bd = np.stack([-self.axis_bd[:, 1], self.axis_bd[:, 0]], axis=1)
         along, across = (self.along_b[:, None] * self.axis_bd)[:, None], (self.across_b[:, None] * aside_bd)[:, None]
@@ -348,6 +354,15 @@ def sites_of(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[
     """Return what to draw of particles, or of copies of some of them (owner_k), with centers at these places."""
     bodies = packing.shapes
     owner_k = np.arange(packing.particles) if owner_k is None else owner_k
+    if not bodies.has_spheroid_sites:
+        if packing.dimension == 3:
+            raise ValueError(
+                f"packing must be of spheres, spheroids or rigid bodies to be drawn here, got "
+                f"{type(bodies).__name__}: pm.plot draws what is seen of these"
+            )
+        reach = bodies.reach(packing.radius_n)[owner_k]
+        corners = silhouettes(packing)[owner_k]
+        return Sites(center_kd, reach, reach, bodies.axis_nd[owner_k], owner_k, round=False, corner_bks=corners)
     count_k = np.diff(bodies.start_n)[owner_k]
     # sites of a particle follow each other: from the first one of each, counted up
     of_b = np.repeat(np.arange(len(owner_k)), count_k)
@@ -368,7 +383,8 @@ def projected(place_kd: NDArray[np.float64]) -> NDArray[np.float64]:
 class Outlines(NamedTuple):
     """What is seen of particles: (K, 3) places across, up and toward the eye, axes of ellipses [length] and angles.
 
-    angle_k are those of the first axes [degrees], owner_k whose outlines they are.
+    angle_k are those of the first axes [degrees], owner_k whose outlines they are; corner_kcs are (K, corners, 2)
+    outlines about the places where they are no ellipses.
     """
 
     place_ks: NDArray[np.float64]
@@ -376,15 +392,21 @@ class Outlines(NamedTuple):
     height_k: NDArray[np.float64]
     angle_k: NDArray[np.float64]
     owner_k: NDArray[np.int64]
+    corner_kcs: NDArray[np.float64] | None = None
 
     def taken(self, order_k: NDArray[np.int64]) -> Outlines:
         """Return them in another order."""
         axes = self.width_k[order_k], self.height_k[order_k], self.angle_k[order_k]
-        return Outlines(self.place_ks[order_k], *axes, self.owner_k[order_k])
+        corners = None if self.corner_kcs is None else self.corner_kcs[order_k]
+        return Outlines(self.place_ks[order_k], *axes, self.owner_k[order_k], corners)
 
 
 def seen_outlines(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[np.int64]) -> Outlines:
     """Return what particles, or the beads of bodies, with centers at these places look like from where the eye is."""
+    if not packing.shapes.has_spheroid_sites:
+        width = 2.0 * packing.shapes.reach(packing.radius_n)[owner_k]
+        corners = silhouettes(packing)[owner_k]
+        return Outlines(projected(center_kd), width, width, np.zeros(len(owner_k)), owner_k, corners)
     sites = sites_of(packing, center_kd, owner_k)
     axis_ks = projected(sites.axis_bd)[:, :2]
     # a spheroid seen from afar is an ellipse, as long as its axis is seen
@@ -392,6 +414,17 @@ def seen_outlines(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDA
     width_k, height_k = 2.0 * np.sqrt(sites.across_b**2 + square), 2.0 * sites.across_b
     angle_k = np.degrees(np.arctan2(axis_ks[:, 1], axis_ks[:, 0])) * (sites.along_b != sites.across_b)
     return Outlines(projected(sites.place_bd), width_k, height_k, angle_k, sites.owner_b)
+
+
+def silhouettes(packing: Packing, corners: int = 128) -> NDArray[np.float64]:
+    """Return (N, corners + 1, 2) closed outlines of superellipsoids about their centers, from where the eye is."""
+    shapes: Any = packing.shapes
+    angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
+    across_ds = np.eye(2) if packing.dimension == 2 else view_axes()[:, :2]
+    # the edge of what is seen is where normals lie in the plane of the picture
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across_ds.T
+    normal = np.repeat(normal[:, None], packing.particles, axis=1)
+    return np.asarray((shapes.surface_points(normal, packing.radius_n) @ across_ds).transpose(1, 0, 2))
 
 
 def orientations(axis_bd: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -57,6 +57,7 @@ def matplotlib_parts() -> SimpleNamespace:
         FigureCanvasAgg=backend_agg.FigureCanvasAgg,
         EllipseCollection=collections.EllipseCollection,
         LineCollection=collections.LineCollection,
+        PolyCollection=collections.PolyCollection,
         Normalize=colors.Normalize,
         ScalarMappable=cm.ScalarMappable,
         Line2D=lines.Line2D,
@@ -153,6 +154,15 @@ def write_pictures(
     return tuple(
         picture.write(frame, target / f"frame-{k:04d}.{format}", format) for k, frame in enumerate(trajectory.frames)
     )
+
+
+def outlined(axes: Any, outlines: drawing.Outlines, **style: Any) -> Any:
+    """Return the collection that draws outlines on axes: ellipses, or polygons where they are none."""
+    parts, place = matplotlib_parts(), outlines.place_ks[:, :2]
+    if outlines.corner_kcs is not None:
+        return parts.PolyCollection(place[:, None] + outlines.corner_kcs, **style)
+    ellipses = outlines.width_k, outlines.height_k, outlines.angle_k
+    return parts.EllipseCollection(*ellipses, units="xy", offsets=place, transOffset=axes.transData, **style)
 
 
 class _RunPicture:
@@ -278,18 +288,7 @@ class _RunPicture:
         return [self._ellipses(outlines, self.color_nc[outlines.owner_k] * share[:, None], 2.0)]
 
     def _ellipses(self, outlines: drawing.Outlines, color: Any, order: float) -> Any:
-        return matplotlib_parts().EllipseCollection(
-            outlines.width_k,
-            outlines.height_k,
-            outlines.angle_k,
-            units="xy",
-            offsets=outlines.place_ks[:, :2],
-            transOffset=self.axes.transData,
-            facecolors=color,
-            edgecolors=PAPER,
-            linewidths=0.3,
-            zorder=order,
-        )
+        return outlined(self.axes, outlines, facecolors=color, edgecolors=PAPER, linewidths=0.3, zorder=order)
 
     def _lines(self, drawn: DrawnFrame) -> list[Any]:
         unit, d = self.packing.reference_diameter, self.packing.dimension

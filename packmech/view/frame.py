@@ -250,6 +250,11 @@ class _Picture:
             sites = drawing.sites_of(self.packing, center, owner)
             color = color[sites.owner_b].astype(np.float64)
             place, along = self.place(sites.place_bd), self.scale * sites.along_b
+            if sites.corner_bks is not None:
+                raise ValueError(
+                    "packing must be of discs, ellipses or rigid bodies to be painted, got "
+                    f"{type(self.packing.shapes).__name__}: pm.plot draws these"
+                )
             if sites.round:
                 paint_discs(image, place, along, color)
             else:  # pixels go down

@@ -32,7 +32,7 @@ from packmech.measure.stress import pressure
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
-from packmech.shapes import Beads, Discs, Spheroids
+from packmech.shapes import Beads, Discs, Spheroids, Superellipsoids
 from packmech.view import drawing
 from packmech.view.trajectory import (
     Curve,
@@ -148,8 +148,9 @@ def property_values(properties: Mapping[str, Any]) -> rr.AnyValues:
 # half the width of an ellipse's outline [reference diameter]
 SHAPE_RIM = 0.03
 # under `state`, of the shapes: the entity of the arrays that stay as they are, and that of the one that turns
-STAYING = {Discs: "", Spheroids: "aspect", Beads: "beads"}
-TURNING = {Discs: {}, Spheroids: {"director": "director_nd"}, Beads: {"orientation": "orientation_nq"}}
+STAYING = {Discs: "", Spheroids: "aspect", Beads: "beads", Superellipsoids: "superellipsoids"}
+_ORIENTATION = {"orientation": "orientation_nq"}
+TURNING = {Discs: {}, Spheroids: {"director": "director_nd"}, Beads: _ORIENTATION, Superellipsoids: _ORIENTATION}
 
 
 class World:

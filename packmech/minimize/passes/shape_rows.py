@@ -3,10 +3,10 @@
 
 The row of an ellipse or spheroid holds its director times the radius of gyration, so that its changes are lengths and
 the forces on it torques over that radius. Its length has no force: what makes it longer turns none, and it is put
-right where a program's particles are placed. The row of a rigid body of beads holds the rotation since the program was
-built (the angle first in a plane, the rotation vector in space) times the radius of gyration. Minimizers walk over
-these rows as over all others. What the shapes are travels in the tuple of effects as a record of its own, so that loops
-of discs and spheres have no code for them.
+right where a program's particles are placed. The row of a rigid body of beads, or of a superellipsoid, holds the
+rotation since the program was built (the angle first in a plane, the rotation vector in space) times the radius of
+gyration. Minimizers walk over these rows as over all others. What the shapes are travels in the tuple of effects as a
+record of its own, so that loops of discs and spheres have no code for them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.contact_distance import exact_root, height, pair_of
+from packmech.contacts.gauge_contact import body_at, gauge_touch, slopes_of_scale
 from packmech.contacts.network import effective_radius
 from packmech.contacts.scaled_contact import touch_of
 from packmech.effects.partners import Partners
@@ -25,7 +26,7 @@ from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.minimize.passes.kind_rows import kinds_between
 from packmech.packing import Packing
-from packmech.shapes import Beads
+from packmech.shapes import Beads, Superellipsoids
 
 
 class ShapeRows(NamedTuple):
@@ -58,8 +59,25 @@ class BeadRows(NamedTuple):
     dimension: int
 
 
+class GaugeRows(NamedTuple):
+    """Superellipsoids as `BeadRows` has bodies, each of one bead at its center, with semi-axes and exponents."""
+
+    radius_n: NDArray[np.float64]
+    gyration_n: NDArray[np.float64]
+    start_n: NDArray[np.int64]
+    offset_bd: NDArray[np.float64]
+    size_b: NDArray[np.float64]
+    rate_nk: NDArray[np.float64]
+    reference_ndd: NDArray[np.float64]
+    frame_ndd: NDArray[np.float64]
+    arm_bd: NDArray[np.float64]
+    dimension: int
+    semi_nk: NDArray[np.float64]
+    exponent_n: NDArray[np.float64]
+
+
 # the kinds of rows that say how particles are shaped
-ROWS_WITH_SHAPES = (ShapeRows, BeadRows)
+ROWS_WITH_SHAPES = (ShapeRows, BeadRows, GaugeRows)
 
 
 class RowLaws(NamedTuple):
@@ -98,13 +116,15 @@ def partners_at(effects, i, j, touch):
     return Partners(touch.sigma, touch.effective_radius, kinds_between(effects, i, j))
 
 
-def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows | BeadRows, ...]:
+def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows | BeadRows | GaugeRows, ...]:
     """Return the shapes by rows; nothing for discs and spheres."""
     shapes = packing.shapes
     if not shapes.has_orientations:
         return ()
     if isinstance(shapes, Beads):
         return (_bead_rows(packing.radius_n[order_n], shapes.select(order_n)),)
+    if isinstance(shapes, Superellipsoids):
+        return (_gauge_rows(packing.radius_n[order_n], shapes.select(order_n)),)
     along, across = shapes.semi_axes(packing.radius_n)
     sizes = (packing.radius_n, along, across, shapes.gyration(packing.radius_n))
     unit = np.zeros((packing.particles, 3))
@@ -114,17 +134,31 @@ def shape_rows(packing: Packing, order_n: NDArray[np.int64]) -> tuple[ShapeRows 
 
 def _bead_rows(radius_n: NDArray[np.float64], shapes: Beads) -> BeadRows:
     """Return bodies as they stand one after another."""
+    return BeadRows(*_framed_rows(radius_n, shapes, shapes.offset_bd * radius_n[shapes.particle_b, None]))
+
+
+def _gauge_rows(radius_n: NDArray[np.float64], shapes: Superellipsoids) -> GaugeRows:
+    """Return superellipsoids as they stand one after another."""
+    # across a plane any length does
+    semi = np.ones((len(shapes), 3))
+    semi[:, : shapes.dimension] = shapes.axes(radius_n)
+    rows = *_framed_rows(radius_n, shapes, np.zeros((len(shapes), shapes.dimension))), semi, np.array(shapes.exponent_n)
+    return GaugeRows(*rows)
+
+
+def _framed_rows(
+    radius_n: NDArray[np.float64], shapes: Beads | Superellipsoids, place_bd: NDArray[np.float64]
+) -> tuple[Any, ...]:
+    """Return the fields of `BeadRows`, of sites at these places in the frames of the bodies."""
     n, d = len(shapes), shapes.dimension
-    frame, offset, rate = np.zeros((n, 3, 3)), np.zeros((len(shapes.size_b), 3)), np.zeros((n, 3))
+    frame, offset, rate = np.zeros((n, 3, 3)), np.zeros((len(place_bd), 3)), np.zeros((n, 3))
     frame[:, 2, 2] = 1.0
     frame[:, :d, :d] = shapes.frames()
-    offset[:, :d] = shapes.offset_bd * radius_n[shapes.particle_b, None]
+    offset[:, :d] = place_bd
     rates = shapes.turn_rates(radius_n)
     rate[:, 3 - rates.shape[1] :] = rates
     gyration, size = shapes.gyration(radius_n), shapes.site_radius(radius_n)
-    return BeadRows(
-        radius_n, gyration, shapes.start_n, offset, size, rate, frame, frame.copy(), np.zeros_like(offset), d
-    )
+    return radius_n, gyration, shapes.start_n, offset, size, rate, frame, frame.copy(), np.zeros_like(offset), d
 
 
 def _kind(one: Any) -> Any:
@@ -255,6 +289,24 @@ def touch_of_two_beads(shapes, one, other, dx, dy, dz):
 
 
 @inlined
+def _gauge_body(shapes, i):
+    return body_at(shapes.semi_nk[i], shapes.exponent_n[i], shapes.frame_ndd[i])
+
+
+@device
+def _touch_of_superellipsoids(shapes, i, j, k, dx, dy, dz, d):
+    sigma, effective = shapes.radius_n[i] + shapes.radius_n[j], np.nan
+    touch = gauge_touch(_gauge_body(shapes, i), _gauge_body(shapes, j), dx, dy, dz, d, 1.0)
+    if touch.square >= 1.0:
+        return ShapeTouch(False, sigma, sigma, effective, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    s, x, y, z, ix, iy, iz, jx, jy, jz = slopes_of_scale(touch, dx, dy, dz)
+    return ShapeTouch(
+        True, s * sigma, sigma, effective, sigma * x, sigma * y, sigma * z,
+        sigma * ix, sigma * iy, sigma * iz, sigma * jx, sigma * jy, sigma * jz,
+    )  # fmt: skip
+
+
+@inlined
 def _director(shapes, i):
     return shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
 
@@ -379,12 +431,17 @@ def _turn_bodies(shapes, axes, row, force_nd, velocity_nd):
     return power, whole, largest
 
 
-# what is done for each kind of shape: an entry for discs and spheres, spheroids, and bodies of beads
+# what is done for each kind of shape: an entry for discs and spheres, spheroids, bodies of beads, and superellipsoids,
+# which turn as bodies of beads do
 
 
-def by_shape(discs: Any, spheroids: Any, beads: Any) -> Any:
-    """Return a function that runs one of three, by its first argument: None, `ShapeRows` or `BeadRows`."""
-    return by_type(discs, {ShapeRows: spheroids, BeadRows: beads})
+def by_shape(discs: Any, spheroids: Any, beads: Any, superellipsoids: Any = None) -> Any:
+    """Return a function that runs one of four, by its first argument: None, `ShapeRows`, `BeadRows` or `GaugeRows`.
+
+    For the last ones that of beads unless there is one of their own.
+    """
+    own = beads if superellipsoids is None else superellipsoids
+    return by_type(discs, {ShapeRows: spheroids, BeadRows: beads, GaugeRows: own})
 
 
 # keeps the shapes as the rows turn them, for the pass that follows: (shapes, row)
@@ -392,9 +449,9 @@ keep_turned = by_shape(lambda shapes, row: None, _keep_directors, _keep_frames)
 # the direction by which pairs are aligned, the director or the first axis of a body: (shapes, i)
 axis_of = by_shape(None, _director, _first_axis)
 # in how many places two particles may touch: (shapes, i, j)
-touches = by_shape(None, lambda shapes, i, j: 1, _pairs_of_beads)
+touches = by_shape(None, lambda shapes, i, j: 1, _pairs_of_beads, lambda shapes, i, j: 1)
 # the k-th ShapeTouch of two particles whose centers are (dx, dy, dz) apart: (shapes, i, j, k, dx, dy, dz, d)
-shape_touch = by_shape(None, _touch_of_spheroids, _touch_of_beads)
+shape_touch = by_shape(None, _touch_of_spheroids, _touch_of_beads, _touch_of_superellipsoids)
 # the rate at which a particle turns in its plane, and its angular velocity in space: (shapes, row, velocity_nd, i)
 flat_spin = by_shape(None, _flat_spin, _flat_turning)
 spin_of = by_shape(None, _spin, _turning_vector)
