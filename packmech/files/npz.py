@@ -40,7 +40,7 @@ from packmech.tangential import TangentialDisplacements
 
 # a file without links and masses is of version 1, one without masses at most of version 2, and one whose tangential
 # springs are slack of version 3; one of discs or spheres at most of version 4, one of spheroids of version 5
-_FORMAT_VERSION = 9
+_FORMAT_VERSION = 10
 _LINK_ARRAYS = ("i_l", "j_l", "image_ld", "length_l", "shape_l")
 # arrays that belong together: what their names begin with, the names of their fields, and whose they are
 LINK_GROUP = ("link_", _LINK_ARRAYS, "links")
@@ -55,7 +55,7 @@ _SHAPES = {
     Discs: ("", 1),
     Spheroids: (_SPHEROIDS[0], 5),
     Beads: (_BEADS[0], 6),
-    Superellipsoids: (_SUPERELLIPSOIDS[0], 9),
+    Superellipsoids: (_SUPERELLIPSOIDS[0], 10),
 }
 REQUIRED = ("position_nd", "radius_n", "lattice_dd")
 # all arrays that a file may hold of a packing
