@@ -417,12 +417,16 @@ def test_laws_by_kinds_change_every_call_at_rest_that_honors_them():
     assert all(one.answer("kinds") == HONORED for one in CALLS.values() if one.answer("repulsion") == HONORED)
     # there are no links and walls here; what is at rest stays there, and no weight presses it
     still = {"link_tension", "wall_contacts", "torques", "forces", "quench", "settle", "classify_jamming"}
+    # what strains a lattice moves its particles with the box; all pushed alike, they store nothing; and without modes
+    still |= {"compress", "deform", "perturbation_energy", "quartic_modes"}
     wrong = []
     for call in RESTING:
         plain, equal, mixed = (
             np.asarray(RESTING[call](pm.Scene(packing, (pm.Repulsion(law),)))) for law in (soft, same, other)
         )
-        np.testing.assert_array_equal(plain, equal, err_msg=call)
+        # products and sums of shapes are rounded once or twice, as the compiler fuses them
+        digits = 1e-12 if call == "anneal_shape" else 0.0
+        np.testing.assert_allclose(plain, equal, rtol=0.0, atol=digits, err_msg=call)
         differs = plain.shape != mixed.shape or np.abs(plain - mixed).max(initial=0.0) > 1e-9
         if bool(differs) is (call in still):
             wrong.append(call)
