@@ -278,6 +278,12 @@ BAD = {
         for name in ("friction_coefficient", "relative_viscosity", "tangential_ratio")
     },
     "poisson_ratio": [NAN, -0.1, 0.6, "1", None],
+    "ByKind.numbers": [None, 3, "e", [], {}, [[1.0, 2.0]], [[1.0, 2.0], [3.0, 4.0]], (1.0, 2.0), {"a": 1.0}],
+    "LawByKind.laws": [None, 3, pm.Harmonic(), [], [[pm.Harmonic]], (1.0,), (pm.Harmonic(), pm.Hertz(), pm.Hertz())],
+    "Materials.materials": [None, 3, (), pm.Material(1.0), (3,), (pm.Harmonic(),)],
+    "Materials.mixing": [None, 3, "largest"],
+    "Materials.exceptions": [None, 3, {0: {}}, {(0, 1): {}}, {(0, 0): 0.3}, {(0, 0): {"density": 2.0}}],
+    "coefficient_of_restitution.kinds": [None, 3, "e", (0,), (0, -1), (0.5, 1), (True, 0)],
     "Material.young_modulus": POSITIVE,
     "Material.density": POSITIVE,
     "Material.friction": NOT_NEGATIVE,
@@ -941,6 +947,9 @@ def good(name, folder):
         "small_value_exponent": {"values": [[0.1, 0.2], [0.3]], "largest": 1.0},
         "coefficient_of_restitution": {"effects": (pm.Repulsion(), pm.Restitution(0.5)), "speed": 0.01},
         "Material": {"young_modulus": 1.0},
+        "Materials": {"materials": (pm.Material(1.0),)},
+        "ByKind": {"numbers": [[1.0, 2.0], [2.0, 3.0]]},
+        "LawByKind": {"laws": [[pm.Harmonic()]]},
         "viscoelastic_time": {"law": pm.Hertz(), "restitution": 0.8, "speed": 0.01},
         "TangentialDisplacements": {
             "i_c": [0],

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import instance, one_of, positive, real
+from packmech.check import brief, instance, one_of, positive, real
 from packmech.effects.body import Walls
 from packmech.effects.damping import Restitution
 from packmech.effects.friction import DampingRatio, Friction, Mindlin
@@ -269,7 +269,7 @@ class Materials:
 
     def __post_init__(self) -> None:
         if isinstance(self.materials, Material) or not isinstance(self.materials, Sequence) or not self.materials:
-            raise TypeError(f"materials must be a tuple of materials, one for each kind, got {self.materials!r}")
+            raise TypeError(f"materials must be a tuple of materials, one for each kind, got {brief(self.materials)}")
         for k, one in enumerate(self.materials):
             instance(f"materials[{k}]", one, Material)
         object.__setattr__(self, "materials", tuple(self.materials))

@@ -408,6 +408,31 @@ def test_bonds_change_every_call_at_rest_that_honors_them():
         assert differs is not (call == "torques"), call
 
 
+def test_laws_by_kinds_change_every_call_at_rest_that_honors_them():
+    """Rows of a triangular lattice are of two kinds in turn, so that it stays at rest; equal laws change nothing."""
+    rows = np.rint(at_rest().position_nd[:, 1] / np.diff(np.unique(at_rest().position_nd[:, 1].round(9)))[0])
+    packing = at_rest().replace(kind_n=(rows % 2).astype(int))
+    soft, hard = pm.Harmonic(1.0), pm.Harmonic(3.0)
+    same, other = (pm.LawByKind([[soft, soft], [soft, one]]) for one in (soft, hard))
+    assert all(one.answer("kinds") == HONORED for one in CALLS.values() if one.answer("repulsion") == HONORED)
+    # there are no links and walls here; what is at rest stays there, and no weight presses it
+    still = {"link_tension", "wall_contacts", "torques", "forces", "quench", "settle", "classify_jamming"}
+    # what strains a lattice moves its particles with the box; all pushed alike, they store nothing; and without modes
+    still |= {"compress", "deform", "perturbation_energy", "quartic_modes"}
+    wrong = []
+    for call in RESTING:
+        plain, equal, mixed = (
+            np.asarray(RESTING[call](pm.Scene(packing, (pm.Repulsion(law),)))) for law in (soft, same, other)
+        )
+        # products and sums of shapes are rounded once or twice, as the compiler fuses them
+        digits = 1e-12 if call == "anneal_shape" else 0.0
+        np.testing.assert_allclose(plain, equal, rtol=0.0, atol=digits, err_msg=call)
+        differs = plain.shape != mixed.shape or np.abs(plain - mixed).max(initial=0.0) > 1e-9
+        if bool(differs) is (call in still):
+            wrong.append(call)
+    assert not wrong
+
+
 def test_bonds_that_break_are_refused_where_none_would_and_change_what_honors_them():
     lasting = pm.bond_contacts(small(), gap_tolerance=-1e-3, damping=0.3)
     weak = replace(lasting, breaks_at=pm.BondLimits(stretch=1e-6, squeeze=1e-6))
