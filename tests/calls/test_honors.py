@@ -308,6 +308,25 @@ def test_rough_walls_are_taken_or_refused():
         CALLS[name].check("scene", smooth)
 
 
+def test_walls_that_move_and_walls_of_triangles_are_taken_or_refused():
+    walls = pm.Walls(1.0, 0.15, 3.2, high_motion=pm.WallMotion(y=-0.1))
+    moving = pm.Scene(small(), (pm.Repulsion(), walls))
+    corner = [[0.1, 0.1, 0.1], [3.0, 0.1, 0.1], [0.1, 3.0, 0.1]]
+    spheres = pm.Packing([[1.0, 1.0, 1.0]], [0.5], pm.Box.cubic(3.4, 3))
+    mesh = pm.Scene(spheres, (pm.Repulsion(), pm.MeshWalls(corner, [[0, 1, 2]])))
+    assert {name for name in CALLS if CALLS[name].answer("moving") == HONORED} == {"simulate", "resume"}
+    taken = {name for name in CALLS if CALLS[name].answer("mesh") == HONORED}
+    assert taken == {"simulate", "resume", "quench", "energy", "forces"}
+    for name in CALLS:
+        if CALLS[name].packing_only or CALLS[name].answer("walls") != HONORED:
+            continue
+        if name not in ("simulate", "resume"):
+            refuses(name, moving, f"must hold walls that stand still for pm.{name}, which moves none, got Walls .*at 1")
+        CALLS[name].check("scene", moving.replace(effects=(moving.effects[0], walls.still)))
+        if name not in taken:
+            refuses(name, mesh, f"must hold nothing that pm.{name} would ignore, got MeshWalls at 1")
+
+
 def test_rough_walls_change_what_calls_say_of_forces_torques_and_energies():
     packing = small()
     low = float(packing.position_nd[:, 1].min())

@@ -152,3 +152,25 @@ def test_what_walls_that_move_are_not_for_is_refused_by_name():
     ellipses = pm.random_packing(4, dimension=2, packing_fraction=0.4, seed=1, shapes=pm.Ellipses(1.5))
     with pytest.raises(ValueError, match="Walls that stand still for"):
         pm.Scene(ellipses, (pm.Repulsion(), pm.Walls(1, 0.0, 1.0, low_motion=pm.WallMotion())))
+
+
+def test_scene_files_hold_motions(tmp_path):
+    motion = pm.WallMotion(0.1, pm.HeldStress(-1.0, inertia=2.0, damping=0.5, velocity=0.1))
+    scene = grains(number=12, motions=(None, motion))
+    pm.write_scene(scene, tmp_path / "scene.toml")
+    assert pm.read_scene(tmp_path / "scene.toml") == scene
+    shipped = pm.read_scene("piston")
+    lid = shipped.effects[-1].high_motion
+    assert lid == pm.WallMotion(0.02, pm.HeldStress(-0.01, 1.0, 0.2), 0.0)
+    with pytest.raises(ValueError, match="high_motion.y.inertia must be positive"):
+        pm.read_scene("piston", changes={"effects.walls.high_motion.y.inertia": 0.0})
+
+
+def test_frames_of_a_run_draw_walls_where_they_stood():
+    from packmech.view.trajectory import trajectory_of_run
+
+    scene = grains(number=12, motions=(None, pm.WallMotion(y=-2.0)))
+    run = pm.simulate(scene, steps=40, dt=1e-3, trace_every=20, trace_positions=True)
+    frames = trajectory_of_run(run, scene, 3).frames
+    high = [one.effects[1].high for one in frames]
+    assert high == pytest.approx(scene.effects[1].high - 2.0 * np.array([0.0, 0.02, 0.04]), rel=1e-12)
