@@ -259,6 +259,18 @@ BAD = {
     "Walls.high": [NAN, 0.0, -1.0, "1", None],
     "Walls.law": ["hertz", 3, None, pm.Hertz, Toothless()],
     **{f"Walls.{name}": [3, 0.3, "1", pm.Friction, pm.Gravity()] for name in ("friction", "rolling", "twisting")},
+    "Walls.low_motion": [3, 0.3, "1", pm.WallMotion, pm.HeldStress(1.0)],
+    "Walls.high_motion": [3, 0.3, "1", pm.WallMotion, pm.HeldStress(1.0)],
+    "HeldStress.stress": [NAN, INF, "1", None, True],
+    "HeldStress.velocity": [NAN, INF, "1", None, True],
+    "MeshWalls.vertices": [3, "a", None, [], [[0.0, 0.0]], [[NAN, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]],
+    "MeshWalls.triangles": [3, "a", None, [], [[0, 1]], [[0, 1, 3]], [[-1, 0, 1]], [[0.0, 1.0, 2.0]], [[0, 1, 1]]],
+    "MeshWalls.law": ["hertz", 3, None, pm.Hertz, Toothless()],
+    "MeshWalls.friction": [3, 0.3, "1", pm.Friction, pm.Friction(0.3)],
+    "read_mesh.scale": [NAN, INF, 0.0, -1.0, "1", None, True],
+    "Superellipsoids.exponent_n": ["a", None, [], [1.5, 4.0], [NAN, 4.0], [60.0, 4.0]],
+    "Superellipsoids.ratio_nd": [3, "a", None, [], [[1.0, 0.0], [1.0, 1.0]], [[NAN, 1.0], [1.0, 1.0]], [[1.0, 1.0]]],
+    "Superellipsoids.orientation_nq": [3, "a", None, [], [[0.0, 0.0], [1.0, 0.0]], [[NAN, 1.0], [1.0, 0.0]]],
     "SteadyStrain.rate": [NAN, INF, "1", None, True],
     "SteadyStrain.start": [NAN, INF, "1", None, True],
     "OscillatoryStrain.start": NOT_NEGATIVE,
@@ -837,6 +849,13 @@ def good(name, folder):
             "semi_axes_j_ck": [[0.5, 1.0]],
             "director_j_cd": [[0.0, 1.0]],
         },
+        "Superellipsoids": {
+            "exponent_n": [4.0, 2.0],
+            "ratio_nd": [[1.0, 1.0], [2.0, 1.0]],
+            "orientation_nq": [[1.0, 0.0], [0.0, 1.0]],
+        },
+        "MeshWalls": {"vertices": [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]], "triangles": [[0, 1, 2]]},
+        "read_mesh": {"path": folder / "a.off"},
         "Ellipses": {"aspect": 1.5},
         "Beads": {
             "start_n": [0, 2],
@@ -1039,10 +1058,13 @@ def call(name, arguments):
     """Call a function or make a record; a law or an effect is checked by its scene, a minimizer by its quench."""
     made = getattr(pm, name)(**arguments)
     if is_effect(made):
-        # twisting is for spheres
-        space = isinstance(made, pm.TwistingResistance)
+        # for spheres
+        space = isinstance(made, pm.TwistingResistance | pm.MeshWalls)
         beside = () if isinstance(made, pm.JKR) else (pm.Repulsion(),)
         pm.Scene(pm.lattice_packing("fcc") if space else touching(), (*beside, made))
+    if isinstance(made, pm.WallMotion | pm.HeldStress):
+        motion = pm.WallMotion(y=made) if isinstance(made, pm.HeldStress) else made
+        pm.Scene(touching(), (pm.Repulsion(), pm.Walls(1, 0.0, 1.0, high_motion=motion)))
     if isinstance(made, pm.Mindlin):
         pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, made)))
     if isinstance(made, pm.DampingRatio):
@@ -1080,6 +1102,7 @@ def brief(value):
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("files")
     pm.write_packing(touching(), made / "a.npz", law=pm.Harmonic())
+    (made / "a.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
     pm.simulate(scene(), steps=2, checkpoint=made / "run.npz")
     pm.write_table(traced(), made / "a.csv")
     pm.run_ensemble("calendar:leapdays", {"y1": 2000, "y2": 2010}, made / "ensemble", workers=1)

@@ -49,10 +49,12 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
     2.0
 
     """
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path must be a file name, got {path!r}")
     positive("scale", scale)
     file = Path(path)
     if not file.is_file():
-        raise ValueError(f"path must name a file, got {str(file)!r}")
+        raise FileNotFoundError(f"path must name a file, got {str(file)!r}")
     try:
         trimesh: Any = importlib.import_module("trimesh")
     except ModuleNotFoundError as error:

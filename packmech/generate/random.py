@@ -328,7 +328,7 @@ class Ellipses:
         )
         object.__setattr__(self, "aspect", aspect)
 
-    def drawn(self, particles: int, dimension: int, rng: np.random.Generator) -> Spheroids:
+    def turned(self, particles: int, dimension: int, rng: np.random.Generator) -> Spheroids:
         """Return so many ellipses or spheroids, turned in all directions alike."""
         given = self.aspect
         aspect_n = (
@@ -369,7 +369,7 @@ class Superellipses:
                 raise ValueError(f"ratios must be two or three, got {len(ratios)}")
             object.__setattr__(self, "ratios", tuple(ratios.tolist()))
 
-    def drawn(self, particles: int, dimension: int, rng: np.random.Generator) -> Superellipsoids:
+    def turned(self, particles: int, dimension: int, rng: np.random.Generator) -> Superellipsoids:
         """Return so many of them, turned in all directions alike."""
         ratios = (1.0,) * dimension if self.ratios is None else self.ratios
         if len(ratios) != dimension:
@@ -458,7 +458,7 @@ def _random_shapes(
     if shapes is None:
         return None
     if isinstance(shapes, Ellipses | Superellipses):
-        return shapes.drawn(particles, dimension, rng)
+        return shapes.turned(particles, dimension, rng)
     if not isinstance(shapes, Shape | RandomShape):
         raise TypeError(
             f"shapes must be Ellipses, Superellipses or a shape of a cluster, such as Dimer(), got {shapes!r}"

@@ -363,7 +363,7 @@ def test_arrays_of_two_kinds_of_shapes_are_refused(tmp_path):
     for name in ("start_n", "offset_bd", "size_b", "gyration_nk", "orientation_nq"):
         arrays[f"bead_{name}"] = getattr(body, name)
     np.savez(tmp_path / "a.npz", **arrays)
-    with pytest.raises(ValueError, match="must hold arrays of spheroids or of rigid bodies, got both"):
+    with pytest.raises(ValueError, match="must hold arrays of .* or of superellipsoids, got several"):
         pm.read_packing(tmp_path / "a.npz")
 
 
