@@ -11,7 +11,7 @@ for _name in dir(pm):
     getattr(pm, _name)
 
 HONOR = {
-    "QuenchBatch", "ShearBatch", "bond_contacts", "compliance_matrix", "rigidity_matrix", "scattered_packing",
+    "QuenchBatch", "ShearBatch", "assign_kinds", "bond_contacts", "compliance_matrix", "rigidity_matrix", "scattered_packing",
     "shear_at_pressure", "vacancy_packing", "wall_contacts",
     "energy", "forces", "stress_tensor", "pressure", "torques", "packing_fraction", "write_packing",
     "at_packing_fraction", "find_shape_contacts", "find_rattlers", "remove_rattlers", "coordination_number",

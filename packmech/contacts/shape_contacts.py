@@ -180,7 +180,7 @@ class ShapeContacts:
     def select(self, keep_c: ArrayLike) -> ShapeContacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = np.asarray(keep_c)
-        lengths = ("vector_cd", "distance_c", "contact_distance_c", "slope_cx")
+        lengths = ("vector_cd", "distance_c", "contact_distance_c", "kinds_c", "slope_cx")
         names = ("i_c", "j_c", "image_cd", "site_i_c", "site_j_c", *lengths)
         parts = {name: getattr(self, name)[keep] for name in names}
         curvature = self.curvature_cxx[keep] if len(self.curvature_cxx) else self.curvature_cxx

@@ -246,7 +246,7 @@ def _rate_of_pistons(scene: Scene) -> float:
     radius = float(packing.radius_n.min())
     section = 2.0 * radius if packing.dimension == 2 else math.pi * radius**2
     for one in scene.effects:
-        for motion in (one.low_motion, one.high_motion) if isinstance(one, Walls) else ():
+        for motion in (one.low_motion, one.high_motion) if isinstance(one, Walls) and one.moves else ():
             area = face_area(packing.box, int(one.axis))
             number = min(packing.particles, math.ceil(area / section))
             across = one.resistances([radius], float(packing.mass_n.min()))

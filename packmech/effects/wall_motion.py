@@ -15,6 +15,7 @@ class HeldStress(NamedTuple):
     and along it a positive one drags the high face along the axis and the low face against it. At rest the particles
     bear just this stress. Gravity does not act on faces. A light face, or one with a strong dashpot, asks for short
     time steps: they are chosen for as many contacts as find place at the face.
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------
@@ -43,6 +44,7 @@ class WallMotion(NamedTuple):
     """How one face of `Walls` moves along x, y and z: a velocity [length/time], or a `HeldStress`.
 
     Across the face it moves to another place; along it, it drags what touches it by friction, and stands where it does.
+    Its numbers are checked when a `Scene` is made with it.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def _headline(one: Moduli) -> str:
     unit = f"[energy/length^{len(one.stress_dd)}]"
     words = f"bulk modulus {one.bulk_modulus:.6g}, shear modulus {one.shear_modulus:.6g} {unit}"
     if len(one.at_limit_k):
-        words += f"; {len(one.at_limit_k)} contacts at the Coulomb limit: {one.at_limit_motion}"
+        words += f"\n{len(one.at_limit_k)} contacts at the Coulomb limit: {one.at_limit_motion}"
     return unless_at_rest(one.force_residual, one.at_rest, words)
 
 

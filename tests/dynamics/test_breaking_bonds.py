@@ -309,7 +309,7 @@ def test_what_is_released_among_sliding_contacts_is_the_energy_of_the_bonds_less
     for i, j, image, step in zip(broken.i_e, broken.j_e, broken.image_ed, broken.step_e, strict=True):
         place, lattice = trace.position_tnd[step], trace.lattice_tdd[step]
         distance = np.linalg.norm(place[j] - place[i] + lattice @ image)
-        due += pair_energy(network.effects[0], distance, partners_of(*network.packing.radius_n[[i, j]]))
+        due += pair_energy(network.effects[0], distance, partners_of(*network.packing.radius_n[[i, j]], 0))
     held = broken.energy_e.sum()
     assert abs(broken.released - (held - due)) < 2e-3 * held
 

@@ -277,7 +277,7 @@ def test_a_branching_gel_breaks_where_a_contact_first_bears_its_pull_off_force()
     )
     one, other = np.transpose(bonds)
     apart = np.linalg.norm(run.trace.position_tnd[:, other] - run.trace.position_tnd[:, one], axis=2)
-    pairs = [partners_of(*both) for both in zip(radius[one], radius[other], strict=True)]
+    pairs = [partners_of(*both, 0) for both in zip(radius[one], radius[other], strict=True)]
     jkr = pm.JKR(E, W)
     broken = apart >= [jkr.reach(each) for each in pairs]
     first = int(np.argmax(broken.any(axis=1)))

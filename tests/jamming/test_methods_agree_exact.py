@@ -222,9 +222,9 @@ class Network:
         i, j, image = ([pair[k] for pair in pairs] for k in range(3))
         ends = np.array([i, j], dtype=np.int64)
         image = np.array(image, dtype=np.int64).reshape(-1, len(lattice))
-        sizes = (len(place), len(lattice))
+        kinds, sizes = np.zeros(len(distance), dtype=np.int64), (len(place), len(lattice))
         return packing, pm.Contacts(
-            *ends, image, vector / distance[:, None], distance, distance, 0.25 * distance, *sizes
+            *ends, image, vector / distance[:, None], distance, distance, 0.25 * distance, kinds, *sizes
         )
 
 

@@ -154,11 +154,12 @@ def test_hash_of_a_file_does_not_see_docstrings_comments_and_imports_for_types(p
 
 
 class Bare(ast.NodeTransformer):
-    """Empties docstrings and leaves out what is for type checkers only."""
+    """Empties docstrings and leaves out imports that are for type checkers only."""
 
     def visit(self, node):
         self.generic_visit(node)
-        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+        for_types = isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+        if for_types and all(isinstance(one, ast.Import | ast.ImportFrom) for one in node.body):
             return None
         documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef)
         if documented and ast.get_docstring(node) is not None:

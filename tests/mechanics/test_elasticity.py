@@ -313,7 +313,7 @@ def test_moduli_of_a_packing_as_drawn_say_first_that_it_is_not_at_rest():
     assert first.endswith(
         f"not at rest (force residual {residual}): relax it first, by pm.quench, or pm.settle with friction"
     )
-    assert second == "  bulk modulus 0, shear modulus 0" and "not at rest" in moduli._repr_html_()
+    assert second == "  bulk modulus 0, shear modulus 0 [energy/length^2]" and "not at rest" in moduli._repr_html_()
     assert "not at rest" in repr(pm.contact_forces(not_at_rest())).splitlines()[0]
     with pytest.warns(UserWarning, match="all rattle"):
         assert pm.coordination_number(not_at_rest().packing) == 0.0
