@@ -11,8 +11,8 @@ for _name in dir(pm):
     getattr(pm, _name)
 
 HONOR = {
-    "QuenchBatch", "ShearBatch", "assign_kinds", "bond_contacts", "compliance_matrix", "rigidity_matrix", "scattered_packing",
-    "shear_at_pressure", "vacancy_packing", "wall_contacts",
+    "QuenchBatch", "ShearBatch", "assign_kinds", "bond_contacts", "compliance_matrix", "rigidity_matrix",
+    "scattered_packing", "shear_at_pressure", "vacancy_packing", "wall_contacts",
     "energy", "forces", "stress_tensor", "pressure", "torques", "packing_fraction", "write_packing",
     "at_packing_fraction", "find_shape_contacts", "find_rattlers", "remove_rattlers", "coordination_number",
     "draw_frame", "displaced", "quench", "jam", "compress", "shear_stabilize", "sweep_pressure", "sweep_stress",
