@@ -14,7 +14,7 @@ from cyclopts import Parameter
 
 from packmech.cli import SEVERAL
 from packmech.cli.output import WHOLE, show
-from packmech.files.packings import is_packing_file, read_law
+from packmech.files.packings import is_packing_file, read_law, read_packing
 from packmech.files.records import to_table, value_of_text
 from packmech.scene import ROUGH_PRESSURE, Scene, registered_drives
 from packmech.scenes.recipes import PACKINGS
@@ -121,16 +121,18 @@ class Changes:
 
 
 def _of_file(tables: dict[str, Any], file: Path, beside: Path) -> dict[str, Any]:
-    """Return the tables of a scene with the packing of a file in place of its own."""
+    """Return the tables of a scene with the packing of a file in place of its own; kinds in the file stay as they are."""
     law = read_law(file)
     effects = [
         {**one, "law": to_table(law)} if law is not None and one.get("kind") == "repulsion" else one
         for one in tables.get("effects", [])
     ]
     packing = {"kind": "file", "path": os.path.relpath(file, beside)}
-    return {"description": f"The packing in {file.name}", "packing": packing, "effects": effects} | {
-        name: table for name, table in tables.items() if name == "drive"
-    }
+    own = ("description", "packing", *(("kinds",) if read_packing(file).given_kind_n is not None else ()))
+    kept = {name: table for name, table in tables.items() if name not in own}
+    return {"description": f"The packing in {file.name}", "packing": packing} | kept | (
+        {"effects": effects} if "effects" in tables else {}
+    )
 
 
 def _drop_others(tables: dict[str, Any], path: str, kind: Any) -> None:

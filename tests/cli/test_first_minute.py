@@ -3,6 +3,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 
 import packmech as pm
@@ -154,6 +155,19 @@ def test_a_packing_file_is_jammed_or_becomes_a_scene_with_its_law(folder, capsys
     assert (scene.packing, scene.effects) == (start, (pm.Repulsion(pm.Hertz(2.0)),))
     execute(["jam", "in/mine.npz", "--pressure", "1e-3", "--no-record", "--out", "end.npz", "--modes", "0"])
     assert pm.pressure(scene.replace(packing=pm.read_packing("end.npz"))) == pytest.approx(2e-3, rel=1e-9)
+
+
+def test_a_packing_file_in_a_scene_like_another_keeps_its_materials_and_the_kinds_of_the_file_if_it_has_some(folder):
+    start = pm.random_packing(16, dimension=3, packing_fraction=0.5, seed=1)
+    own = start.replace(kind_n=[0] * 4 + [1] * 12)
+    for name, packing in (("none.npz", start), ("own.npz", own)):
+        pm.write_packing(packing, name)
+        execute(["new", f"{name}.toml", "--like", "glass-and-steel", "--packing", name])
+    like = pm.read_scene("glass-and-steel")
+    drawn, kept = pm.read_scene("none.npz.toml"), pm.read_scene("own.npz.toml")
+    assert kept.effects == like.effects and drawn.effects == like.effects and kept.drive == like.drive
+    assert kept.packing.kind_n.tolist() == own.kind_n.tolist()
+    assert np.bincount(drawn.packing.kind_n).tolist() == [11, 5]
 
 
 def test_another_kind_of_packing_drops_the_fields_of_the_old_one_and_says_so(folder, capsys):

@@ -111,6 +111,9 @@ def test_what_the_reference_model_has_not_is_refused_by_name():
         ps.from_scene(scene.replace(effects=(*scene.effects, pm.Gravity(0.0, -1.0))))
     with pytest.raises(ValueError, match="scene must have an oscillatory shear"):
         ps.from_scene(scene.replace(drive=None))
+    labeled = scene.packing.replace(kind_n=np.arange(scene.packing.particles) % 2)
+    with pytest.raises(ValueError, match="particles of one kind, got 2"):
+        ps.from_scene(scene.replace(packing=labeled))
     hertzian = tuple(pm.Repulsion(pm.Hertz()) if isinstance(one, pm.Repulsion) else one for one in scene.effects)
     with pytest.raises(ValueError, match="scene must have a divergent repulsion, got Hertz"):
         ps.from_scene(scene.replace(effects=hertzian))

@@ -178,6 +178,8 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, ShearedDiscs]:
     lattice = packing.box.lattice_dd
     if packing.dimension != 2 or lattice[1, 0] != 0.0 or packing.links:
         raise ValueError("scene must be of discs without rigid links, in a cell whose first vector is along x")
+    if packing.given_kind_n is not None:
+        raise ValueError(f"scene must have particles of one kind, got {packing.kinds}")
     sizes = np.unique(packing.radius_n)
     if len(sizes) > 2:
         raise ValueError(f"scene must have discs of one or two sizes, got {len(sizes)}")
