@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
 
 from packmech.box import Box
 from packmech.contacts import Contacts
@@ -23,6 +24,7 @@ from packmech.links import number_by_first
 from packmech.measure.stress import tension_of
 from packmech.packing import Packing
 from packmech.scene import Scene
+from packmech.shapes import Superellipsoids
 
 # dark ground: small to large particles from slate to steel blue, rattlers in amber, forces from ember to pale yellow
 BACKGROUND = (13, 17, 26)
@@ -357,8 +359,8 @@ def sites_of(packing: Packing, center_kd: NDArray[np.float64], owner_k: NDArray[
     if not bodies.has_spheroid_sites:
         if packing.dimension == 3:
             raise ValueError(
-                f"packing must be of spheres, spheroids or rigid bodies to be drawn here, got "
-                f"{type(bodies).__name__}: pm.plot draws what is seen of these"
+                f"packing must be of spheres, spheroids or rigid bodies to be painted, got {type(bodies).__name__}: "
+                "pm.plot draws these"
             )
         reach = bodies.reach(packing.radius_n)[owner_k]
         corners = silhouettes(packing)[owner_k]
@@ -425,6 +427,38 @@ def silhouettes(packing: Packing, corners: int = 128) -> NDArray[np.float64]:
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across_ds.T
     normal = np.repeat(normal[:, None], packing.particles, axis=1)
     return np.asarray((shapes.surface_points(normal, packing.radius_n) @ across_ds).transpose(1, 0, 2))
+
+
+class Solids(NamedTuple):
+    """Superellipsoids of one exponent and one color, which triangles of one surface show.
+
+    Of the surface with semi-axes of 1 they are (V, 3) corners and (V, 3) normals there, and (T, 3) numbers of corners.
+    """
+
+    particle_k: NDArray[np.intp]
+    color: NDArray[np.uint8]
+    corner_vd: NDArray[np.float64]
+    normal_vd: NDArray[np.float64]
+    triangle_tk: NDArray[np.int64]
+
+
+def solids_of(packing: Packing, color_nc: NDArray[np.uint8], parts: int = 12) -> list[Solids]:
+    """Return what shows superellipsoids in space, by exponent and color; `parts` divide each edge of an octahedron."""
+    shapes: Any = packing.shapes
+    grid = np.array([one for one in np.ndindex((2 * parts + 1,) * 3)], dtype=float) - parts
+    normal = grid[np.abs(grid).sum(axis=1) == parts]
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    triangle = ConvexHull(normal).simplices.astype(np.int64)
+    inward = np.linalg.det(normal[triangle]) < 0.0
+    triangle[inward] = triangle[inward, ::-1]
+    look, group_n = np.unique(np.column_stack([shapes.exponent_n, color_nc]), axis=0, return_inverse=True)
+    found = []
+    for k, (exponent, *color) in enumerate(look):
+        one = Superellipsoids(np.array([exponent]), np.ones((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]]))
+        corner = one.surface_points(normal[:, None], np.ones(1))[:, 0] / one.axes(np.ones(1))
+        members = np.flatnonzero(group_n.ravel() == k)
+        found.append(Solids(members, np.array(color, dtype=np.uint8), corner, normal, triangle))
+    return found
 
 
 def orientations(axis_bd: NDArray[np.float64]) -> NDArray[np.float64]:

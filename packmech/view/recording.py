@@ -170,7 +170,10 @@ class World:
     def __init__(self, stream: rr.RecordingStream, packing: Packing, color_nc: NDArray[np.uint8]) -> None:
         self.stream, self.packing, self.color_nc = stream, packing, color_nc
         self.flat = packing.dimension == 2
-        self.sites = drawing.sites_of(packing, packing.position_nd)
+        # superellipsoids in space have surfaces of triangles, all others sites
+        surfaces = not self.flat and not packing.shapes.has_spheroid_sites
+        self.solids = drawing.solids_of(packing, color_nc) if surfaces else []
+        self.sites: Any = None if surfaces else drawing.sites_of(packing, packing.position_nd)
         self.points: Any = rr.Points2D if self.flat else rr.Points3D
         self.strips: Any = rr.LineStrips2D if self.flat else rr.LineStrips3D
         self.arrows: Any = rr.Arrows2D if self.flat else rr.Arrows3D
@@ -206,7 +209,8 @@ class World:
                 stream.log(f"world/{name}", kind.from_fields(draw_order=place), static=True)
         else:
             stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        stream.log("world/particles", self._static_particles(), static=True)
+        for path, particles in self._static_particles():
+            stream.log(path, particles, static=True)
         for name, (width, color) in lines.items():
             kind = self.arrows if name in arrows else self.strips
             radii = None if width is None else width * packing.reference_diameter
@@ -223,21 +227,52 @@ class World:
         if summary:
             stream.log("summary", rr.TextDocument(summary, media_type="text/markdown"), static=True)
 
-    def _static_particles(self) -> Any:
-        """Return what does not change of the particles: sizes and colors, of ellipses the outlines' width."""
-        sites = self.sites
-        if sites.round:
-            return self.points.from_fields(radii=sites.along_b, colors=self.color_nc[sites.owner_b])
-        if self.flat:
-            return rr.LineStrips2D.from_fields(radii=SHAPE_RIM * self.packing.reference_diameter)
-        return rr.Ellipsoids3D.from_fields(
-            half_sizes=np.stack([sites.along_b, sites.across_b, sites.across_b], axis=1),
-            colors=self.color_nc[sites.owner_b],
-            fill_mode=rr.components.FillMode.Solid,
-        )
+    def _static_particles(self) -> Iterator[tuple[str, Any]]:
+        """Give what does not change of the particles: sizes and colors, of ellipses the outlines' width, surfaces."""
+        sites, path = self.sites, "world/particles"
+        if self.solids:
+            axes_nd = self.packing.shapes.axes(self.packing.radius_n)
+            for k, one in enumerate(self.solids):
+                yield (
+                    f"{path}/{k}",
+                    rr.Mesh3D(
+                        vertex_positions=one.corner_vd,
+                        vertex_normals=one.normal_vd,
+                        triangle_indices=one.triangle_tk,
+                        albedo_factor=one.color,
+                    ),
+                )
+                yield f"{path}/{k}", rr.InstancePoses3D.from_fields(scales=axes_nd[one.particle_k])
+        elif sites.round:
+            yield path, self.points.from_fields(radii=sites.along_b, colors=self.color_nc[sites.owner_b])
+        elif self.flat:
+            yield path, rr.LineStrips2D.from_fields(radii=SHAPE_RIM * self.packing.reference_diameter)
+        else:
+            yield (
+                path,
+                rr.Ellipsoids3D.from_fields(
+                    half_sizes=np.stack([sites.along_b, sites.across_b, sites.across_b], axis=1),
+                    colors=self.color_nc[sites.owner_b],
+                    fill_mode=rr.components.FillMode.Solid,
+                ),
+            )
+
+    def _send_solids(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
+        """Send places and orientations of superellipsoids in several frames."""
+        for k, one in enumerate(self.solids):
+            mine = one.particle_k
+            turned = np.concatenate([packing.shapes.orientation_nq[mine] for packing in packing_f])
+            poses = rr.InstancePoses3D.columns(
+                translations=np.concatenate([drawn.center_nd[mine] for drawn in drawing_f]),
+                quaternions=np.roll(turned, -1, axis=1),
+            )
+            self.send(clock, f"world/particles/{k}", poses, [len(mine)] * len(packing_f))
 
     def _send_particles(self, clock: Clock, packing_f: Sequence[Packing], drawing_f: Sequence[drawing.Drawing]) -> None:
         """Send the particles of several frames, and in a plane their periodic copies."""
+        if self.solids:
+            self._send_solids(clock, packing_f, drawing_f)
+            return
         pairs = list(zip(packing_f, drawing_f, strict=True))
         inner = [drawing.sites_of(packing, drawn.center_nd) for packing, drawn in pairs]
         place = np.concatenate([one.place_bd for one in inner])

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import packmech as pm
 from packmech.cli import execute
@@ -119,6 +120,43 @@ def test_recordings_of_bodies_hold_their_beads_and_orientations(d, tmp_path):
         recording.add(run.packing, figures={"energy": 1.0})
         with pytest.raises(ValueError, match="shapes as the scene has"):
             recording.add(pm.random_packing(6, dimension=d, packing_fraction=0.9, seed=1, shapes=pm.Dimer(0.7)))
+
+
+def test_a_recording_of_superellipsoids_holds_their_surfaces_where_they_are(tmp_path):
+    read = pytest.importorskip("rerun.chunk").RrdReader
+    form = pm.Superellipses(5.0, (1.3, 1.0, 0.8))
+    start = pm.random_packing(6, dimension=3, packing_fraction=0.55, seed=1, shapes=form)
+    exponent = [5.0, 5.0, 2.0, 5.0, 2.0, 30.0]
+    shapes = pm.Superellipsoids(exponent, start.shapes.ratio_nd, start.shapes.orientation_nq)
+    scene = pm.Scene(start.replace(shapes=shapes), (pm.Repulsion(),))
+    run = pm.quench(scene, force_tolerance=1e-8, trace_every=20, trace_positions=True)
+    path = pm.record_run(run, tmp_path / "solids.rrd", scene=scene)
+    found = {}
+    for chunk in read(str(path)).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            found.setdefault(str(chunk.entity_path).strip("/"), {}).setdefault(name, []).extend(
+                batch.column(name).to_pylist()
+            )
+    parts = [found[name] for name in sorted(found) if name.startswith("world/particles/")]
+    places, end = run.packing.wrapped().position_nd, run.packing.shapes
+    seen, axes = [], end.axes(run.packing.radius_n)
+    for part in parts:
+        corner_vd = np.array(part["Mesh3D:vertex_positions"][0])
+        poses = (part[f"InstancePoses3D:{name}"] for name in ("translations", "quaternions", "scales"))
+        for place, turn, scale in zip(*(np.array(one[-1]) for one in poses), strict=True):
+            n = int(np.argmin(np.linalg.norm(places - place, axis=1)))
+            seen.append(n)
+            drawn = Rotation.from_quat(turn).apply(scale * corner_vd)
+            # on the surface, in the frame of the particle
+            own = np.abs(drawn @ end.frames()[n] / axes[n])
+            level = (own ** end.exponent_n[n]).sum(axis=1) ** (1.0 / end.exponent_n[n])
+            assert np.abs(level - 1.0).max() < 1e-5
+            # the corners reach to the ends of the axes on both sides
+            assert np.allclose([own.max(axis=0)], 1.0, atol=1e-5)
+            faces = corner_vd[np.array(part["Mesh3D:triangle_indices"][0])]
+            assert np.linalg.det(faces).min() > -1e-9
+    assert sorted(seen) == list(range(6))
 
 
 def test_rigid_bodies_of_several_beads_have_hues_of_their_own():
