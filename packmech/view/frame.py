@@ -249,17 +249,13 @@ class _Picture:
         for center, owner, color in (copies, (self.cell.inside_nd, every, color_nc)):
             sites = drawing.sites_of(self.packing, center, owner)
             color = color[sites.owner_b].astype(np.float64)
-            place, along = self.place(sites.place_bd), self.scale * sites.along_b
+            place, along, down = self.place(sites.place_bd), self.scale * sites.along_b, np.array([1.0, -1.0])
             if sites.corner_bks is not None:
-                raise ValueError(
-                    "packing must be of discs, ellipses or rigid bodies to be painted, got "
-                    f"{type(self.packing.shapes).__name__}: pm.plot draws these"
-                )
-            if sites.round:
+                paint_outlines(image, place, along, self.scale * down * sites.corner_bks, color)
+            elif sites.round:
                 paint_discs(image, place, along, color)
-            else:  # pixels go down
-                axis = sites.axis_bd * np.array([1.0, -1.0])
-                paint_ellipses(image, place, along, self.scale * sites.across_b, axis, color)
+            else:
+                paint_ellipses(image, place, along, self.scale * sites.across_b, down * sites.axis_bd, color)
 
     def _paint_space(self, image: NDArray[np.float32], color_nc: NDArray[np.uint8], lines: list[_Lines]) -> None:
         corner = self.place(np.concatenate(drawing.box_outline(self.cell.box)))[:, 2]
@@ -439,6 +435,42 @@ def paint_ellipses(image, center_kd, along_k, across_k, axis_kd, color_kc):
                 # how far outside, to first order
                 slope = np.sqrt((p / a) ** 2 + (q / b) ** 2) / max(part, 1e-12)
                 outside = (part - 1.0) / max(slope, 1e-12)
+                if outside >= 0.5:
+                    continue
+                line = min(1.0, max(0.0, outside + EDGE + 0.5))
+                shade = (1.0 - (1.0 - RIM) * part * part) * (1.0 - (1.0 - EDGE_SHADE) * line)
+                _blend(image, y, x, min(1.0, 0.5 - outside), shade * red, shade * green, shade * blue)
+
+
+@kernel
+def paint_outlines(image, center_kd, reach_k, corner_kcd, color_kc):
+    """Paint convex outlines one over the other, as discs are painted.
+
+    Corners c, about the centers, are where the outward normal is at the angle 2 pi c / (C - 1) to the first axis; the
+    last is the first again.
+    """
+    height, width, corners = image.shape[0], image.shape[1], corner_kcd.shape[1] - 1
+    angle_c = 2.0 * np.pi * np.arange(corners) / corners
+    # pixels go down
+    across_c, down_c, support_c = np.cos(angle_c), -np.sin(angle_c), np.empty(corners)
+    for k in range(center_kd.shape[0]):
+        for c in range(corners):
+            support_c[c] = across_c[c] * corner_kcd[k, c, 0] + down_c[c] * corner_kcd[k, c, 1]
+        cx, cy = center_kd[k, 0], center_kd[k, 1]
+        y0, y1 = _covered(cy, reach_k[k], height)
+        x0, x1 = _covered(cx, reach_k[k], width)
+        red, green, blue = color_kc[k, 0], color_kc[k, 1], color_kc[k, 2]
+        for y in range(y0, y1):
+            dy = y + 0.5 - cy
+            for x in range(x0, x1):
+                dx = x + 0.5 - cx
+                # the tangent over which the pixel is farthest, over the center's distance from it
+                part, outside = 0.0, -np.inf
+                for c in range(corners):
+                    away = across_c[c] * dx + down_c[c] * dy
+                    part, outside = max(part, away / support_c[c]), max(outside, away - support_c[c])
+                    if outside >= 0.5:
+                        break
                 if outside >= 0.5:
                     continue
                 line = min(1.0, max(0.0, outside + EDGE + 0.5))

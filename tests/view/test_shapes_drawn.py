@@ -33,6 +33,22 @@ def test_an_ellipse_covers_its_area_where_it_lies(aspect, angle):
         assert abs(found @ [np.cos(angle), np.sin(angle)]) == pytest.approx(1.0, abs=1e-4)
 
 
+def test_superellipses_are_painted_as_the_ellipses_that_they_are_and_cover_their_areas():
+    ellipses = pm.random_packing(12, dimension=2, packing_fraction=0.5, seed=1, shapes=pm.Ellipses(1.6))
+    aspect, turn = ellipses.shapes.aspect_n, ellipses.shapes.director_nd
+    same = pm.Superellipsoids(np.full(12, 2.0), np.stack([aspect, np.ones(12)], axis=1), turn)
+    one, other = (pm.draw_frame(ellipses.replace(shapes=each)) for each in (ellipses.shapes, same))
+    assert np.abs(one.astype(float) - other.astype(float)).mean() < 0.5
+    for exponent in (2.0, 6.0, 50.0):
+        alone = pm.Superellipsoids([exponent], [[1.7, 1.0]], [[0.6, 0.8]])
+        packing = pm.Packing([[2.0, 2.0]], [1.0], pm.Box.cubic(4.0, 2), shapes=alone)
+        pixels = pm.draw_frame(packing).sum(axis=-1).astype(int)
+        inside = np.s_[60:420, 60:420]
+        side = (480 / 1.24) / 4.0
+        covered = (np.abs(pixels[inside] - sum(drawing.BACKGROUND)) > 60).sum()
+        assert covered == pytest.approx(np.pi * side**2, rel=0.02)
+
+
 @pytest.mark.parametrize("aspect", [0.5, 2.0])
 def test_a_spheroid_seen_along_its_axis_is_a_disc_and_across_it_an_ellipse(aspect):
     along, across = 60.0 * aspect, 60.0
