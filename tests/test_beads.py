@@ -325,5 +325,5 @@ def test_bad_bodies_are_refused_by_name():
         pm.rigid_packing(plain)
     with pytest.raises(ValueError, match=r"one of rigid bodies"):
         pm.bead_packing(plain)
-    with pytest.raises(TypeError, match="shapes must be Ellipses or a shape of a cluster"):
+    with pytest.raises(TypeError, match="shapes must be Ellipses, Superellipses or a shape of a cluster"):
         pm.random_packing(4, dimension=2, packing_fraction=0.5, seed=1, shapes=3)
