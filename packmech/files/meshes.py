@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.status import shown_as
 from packmech.check import clear_errors, positive
 
 
@@ -21,6 +22,7 @@ class Mesh(NamedTuple):
 
 
 @clear_errors
+@shown_as("reading")
 def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
     """Return the triangles in a file of a surface: STL (binary or text), OBJ, PLY, OFF and others that trimesh reads.
 
@@ -38,7 +40,9 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
     ModuleNotFoundError
         If trimesh is not installed: it is the extra `meshes`.
     TypeError, ValueError
-        If there is no such file, or it holds no triangles.
+        If an argument is wrong, or the file holds no triangles.
+    FileNotFoundError
+        If there is no such file.
 
     Examples
     --------
