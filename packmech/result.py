@@ -68,6 +68,10 @@ class Outcome(Enum):
         "The stress is led by inertia: the frequency is near or above that of a mode, and moduli are not those of a "
         "slow strain; lower the frequency."
     )
+    WALLS_MET = (
+        "Walls that move have met, or stand farther apart than the box is long, so that particles touch each other "
+        "through them; the packing is the last one before that was seen: take a longer box, or slower walls."
+    )
     INTERRUPTED = "Stopped by Ctrl-C or a signal; the packing is the last one that was finished."
 
     @property

@@ -249,3 +249,23 @@ def test_wrong_shapes_and_what_is_not_known_beside_them_are_refused_by_name():
             pm.Scene(packing, (pm.Repulsion(), effect))
     with pytest.raises(ValueError, match="Superellipsoids"):
         pm.spectral_density(packing, [[1, 0]])
+
+
+def test_without_contacts_they_have_no_torques_and_springs_across_are_refused_by_name():
+    scene = drawn(2, count=4, packing_fraction=0.05)
+    assert not pm.torques(scene).any()
+    for call in (lambda: pm.stiffness_matrix(scene, "none"), lambda: pm.frictional_modes(scene)):
+        with pytest.raises(ValueError, match="got superellipses, whose normal forces pm.hessian"):
+            call()
+
+
+def test_their_touch_does_not_depend_on_the_unit_of_length():
+    shapes = pm.Superellipsoids([8.0, 3.0], [[1.0, 1.4], [1.0, 0.7]], [[0.6, 0.8], [1.0, 0.0]])
+    found = []
+    for unit in (1.0, 1e-12, 1e12):
+        place = unit * np.array([[1.0, 1.0], [2.2, 1.3]])
+        packing = pm.Packing(place, unit * np.array([0.8, 0.8]), pm.Box.cubic(8.0 * unit, 2), shapes=shapes)
+        found.append(pm.find_shape_contacts(packing).distance_c / unit)
+    assert len(found[0]) == 1
+    for one in found[1:]:
+        assert one == pytest.approx(found[0], rel=1e-12)

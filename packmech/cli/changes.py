@@ -121,7 +121,7 @@ class Changes:
 
 
 def _of_file(tables: dict[str, Any], file: Path, beside: Path) -> dict[str, Any]:
-    """Return the tables of a scene with the packing of a file in place of its own; kinds in the file stay as they are."""
+    """Return the tables of a scene with the packing of a file in its place; kinds in the file stay as they are."""
     law = read_law(file)
     effects = [
         {**one, "law": to_table(law)} if law is not None and one.get("kind") == "repulsion" else one
@@ -130,8 +130,10 @@ def _of_file(tables: dict[str, Any], file: Path, beside: Path) -> dict[str, Any]
     packing = {"kind": "file", "path": os.path.relpath(file, beside)}
     own = ("description", "packing", *(("kinds",) if read_packing(file).given_kind_n is not None else ()))
     kept = {name: table for name, table in tables.items() if name not in own}
-    return {"description": f"The packing in {file.name}", "packing": packing} | kept | (
-        {"effects": effects} if "effects" in tables else {}
+    return (
+        {"description": f"The packing in {file.name}", "packing": packing}
+        | kept
+        | ({"effects": effects} if "effects" in tables else {})
     )
 
 

@@ -152,12 +152,12 @@ def support(body, x, y, z):
 
 @inlined
 def _curvature(one, other, at, d):
-    """Return the second derivatives of L by x, none of them flat, and a unit one across a plane."""
+    """Return the second derivatives of L by x, none of them flat, and one of their size across a plane."""
     m = 1.0 - at
     xx, xy, yy = m * one.xx + at * other.xx, m * one.xy + at * other.xy, m * one.yy + at * other.yy
     if d == 2:
         flat = _FLAT * (xx + yy)
-        return xx + flat, xy, 0.0, yy + flat, 0.0, 1.0
+        return xx + flat, xy, 0.0, yy + flat, 0.0, xx + yy + flat
     xz, yz, zz = m * one.xz + at * other.xz, m * one.yz + at * other.yz, m * one.zz + at * other.zz
     flat = _FLAT * (xx + yy + zz)
     return xx + flat, xy, xz, yy + flat, yz, zz + flat
@@ -374,7 +374,7 @@ def _second_derivatives(one, other, touch, x, y, z, d, mixed, solved, second):
                 own_k = ix if turn == 0 else iy if turn == 1 else iz
             else:
                 own_k = -(jx if turn == 0 else jy if turn == 1 else jz)
-        # the fourth entry of the row: by l, with x gone along
+        # the fourth entry of the row: by l, x following
         mixed[k, 3] = own_k - (mixed[k, 0] * ux + mixed[k, 1] * uy + mixed[k, 2] * uz)
     for k in range(size):
         for n in range(k + 1):

@@ -133,6 +133,8 @@ class ShapeContacts:
         Sites touch when both are scaled by s = rho / sigma: at s A n / g from their centers, A their matrix of squared
         semi-axes, g = sqrt(n A n), where they are spheroids.
         """
+        if not len(self):
+            return np.zeros((0, self.dimension))
         if not self.shapes.has_spheroid_sites:
             shapes: Any = self.shapes.select(self.site_i_c)
             own = shapes.surface_points(self.normal_cd, radius_n[self.site_i_c])

@@ -180,7 +180,7 @@ def _number(triangles, x, y, z):
 
 @device
 def next_near(triangles, search):
-    """Return the search at the next triangle; each that reaches into one of the cells is met once."""
+    """Return the search at the next triangle; each that reaches into one of the cells is returned once."""
     p, radius, first, last, x, y, z, k, _ = search
     bound = triangles.bound_t6
     while x <= last[0]:
@@ -227,7 +227,7 @@ def _is_minimum(triangles, search, place, distance):
 
 
 @device
-def _is_spoken_for(triangles, search, away, distance):
+def _has_nearer_contact(triangles, search, away, distance):
     """Whether a nearer contact is in nearly the same direction; of equally near ones the first stands for all."""
     p = search.p
     other = first_near(triangles, p[0], p[1], p[2], search.radius)
@@ -264,7 +264,7 @@ def touch_of_triangle(triangles, search):
     if touches and part != FACE:
         touches = _is_minimum(triangles, search, place, distance)
     if touches:
-        touches = not _is_spoken_for(triangles, search, away, distance)
+        touches = not _has_nearer_contact(triangles, search, away, distance)
     over = 1.0 / distance if distance > 0.0 else 0.0
     if _is_upright(triangles.corner_t9, search.number, away, distance):
         part = FACE

@@ -92,6 +92,7 @@ from packmech.effects import (
     visited_walls,
     wall_columns,
 )
+from packmech.effects.single import vectors_outside
 from packmech.jit.compiled import kernel
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
@@ -950,8 +951,7 @@ def build_engine(
     body = aligned_rows(n, 4 + d + spins)
     body[:, 3] = shapes.reach(packing.radius_n)[order]
     body[:, 4 : 4 + d] = velocity_nd[order]
-    fraction = packing.position_nd @ packing.box.inverse_dd.T
-    wrap = np.floor(fraction).astype(np.int64)
+    wrap = vectors_outside(scene.effects, packing).astype(np.int64)
     body[:, :d] = (packing.position_nd - wrap @ packing.box.lattice_dd.T)[order]
     mass = np.ascontiguousarray(mass_n[order])
     shape = shapes_in_motion(packing, order)

@@ -74,7 +74,7 @@ def make_faces(walls: tuple[Walls, ...], box: Box, blocks: int) -> Faces | None:
 
 
 def restore_faces(faces: Faces, saved_fk: NDArray[np.float64]) -> None:
-    """Go on with faces as a checkpoint kept them; what the scene says of them stays."""
+    """Go on with faces as a checkpoint kept them; axes, starts and held stresses stay those of the scene."""
     constant = faces.number_fk[:, _CONSTANT].copy()
     faces.number_fk[:] = saved_fk
     faces.number_fk[:, _CONSTANT] = constant

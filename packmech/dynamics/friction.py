@@ -379,15 +379,17 @@ def stiffening(packing: Packing) -> tuple[float, float]:
 def frictions_at_contacts(scene: Scene, friction: Friction, smallest_mass: float) -> list[Any]:
     """Return a friction as it is at contacts of the smallest, mean and largest particles, barely and deep.
 
-    For each pair of kinds, where effects look at these; the same for all where its stiffness and dashpot are numbers.
+    For each pair of kinds whose coefficient is not 0, where effects look at these; the same for all where its stiffness
+    and dashpot are numbers.
     """
     if all(isinstance(one, float) for one in friction):
         return [friction]
     pairs = _of_pairs(scene)
-    return [
+    found = [
         at_contact(friction, touch.second, sum(pair_damping(one, touch) for one in pairs), touch.kinds)
         for touch in _touches(scene, smallest_mass)
     ]
+    return [one for one in found if one.coefficient > 0.0] or [Friction(0.0, 0.0, 0.0)]
 
 
 def resistance_at_contacts(

@@ -1,4 +1,4 @@
-"""What a run tells of walls that move: where faces were, how fast, and the stress that particles bear there."""
+"""A record of walls that move: where faces were, how fast, and the stress that particles bear there."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.display import shown
 from packmech.dynamics.engine import Engine
-from packmech.dynamics.faces import FORCE, HELD, INVERSE, MOVED, NUMBERS, PLACE, VELOCITY, WHOLE, WORK, face_area
+from packmech.dynamics.faces import AXIS, FORCE, HELD, INVERSE, MOVED, NUMBERS, PLACE, VELOCITY, WHOLE, WORK, face_area
 from packmech.effects import SIDES, HeldStress, WallMotion, Walls, moved_along
 from packmech.loop.checkpoint import IndexBounds, saved_array
 from packmech.observables import Table, make_table
@@ -182,6 +182,14 @@ class FaceRows:
             self.step_t.pop(), self.row_tfk.pop()
         self.step_t.append(self.engine.steps)
         self.row_tfk.append(self.engine.faces.number_fk.copy())
+
+    def have_room(self) -> bool:
+        """Return whether all walls stand with the low one below the high one, and no farther apart than the box is."""
+        assert self.engine.faces is not None
+        number_fk, box = self.engine.faces.number_fk, self.engine.scene.packing.box
+        low, high = number_fk[::SIDES, PLACE], number_fk[1::SIDES, PLACE]
+        height = [float(np.abs(box.lattice_dd[int(axis)]).max()) for axis in number_fk[::SIDES, AXIS]]
+        return bool(np.all((low < high) & (high - low <= height)))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what a checkpoint keeps, by name."""

@@ -676,6 +676,8 @@ class SimulationTask:
         last, start = self._moment(self.last), self._moment(self.start)
         if not self.watch.is_calm(self._moment(now), last, start, self.engine.steps):
             return Outcome.STEP_TOO_LONG
+        if self.faces is not None and not self.faces.have_room():
+            return Outcome.WALLS_MET
         self._keep(now)
         return None
 

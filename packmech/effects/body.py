@@ -148,10 +148,11 @@ class Walls(NamedTuple):
     its walls do: Friction(0.0) makes them smooth. Rough walls touch discs and spheres, in a box that does not deform.
 
     Walls stand still, but for faces that are given a motion: with a velocity, or a stress that they hold
-    (`WallMotion`). `pm.simulate` moves them, in a box that does not deform, and discs or spheres between them; calls of
-    what is at rest refuse them. The box goes on behind the walls: it must be longer than from wall to wall by more than
-    particles press into both, or these touch each other through the walls. What begins with a packing takes particles
-    where they are in the cell: walls belong into it.
+    (`WallMotion`). `pm.simulate` moves them, in a box that does not deform, and discs or spheres between them, and ends
+    before they meet; calls of what is at rest refuse them. The box goes on behind the walls: it must be longer than
+    from wall to wall by more than particles press into both, or these touch each other through the walls. What begins
+    with a packing takes particles where they are in the cell; where walls reach out of it, in the one that has its
+    middle between them.
 
     Its numbers are checked when a `Scene` is made with it.
 

@@ -195,7 +195,7 @@ def jkr_root(overlap: float) -> float:
         return _BREAKS
     place = np.float64(math.sqrt(depth) + _OFFSET)
     bits = place.view(np.int64)
-    # unsigned, so that what is no number has no place either
+    # unsigned, so that nan is out of range, too
     k = np.uint64((bits >> _PIECE_BITS) - _FIRST_PIECE)
     if k >= np.uint64(_OCTAVES * _PIECES):
         return math.sqrt(math.sqrt(overlap + math.sqrt(math.sqrt(overlap))))

@@ -129,6 +129,8 @@ def friction_or_zero(effects: tuple[Any, ...]) -> Friction:
 def at_contact(friction: Friction, second: Any, normal: Any, kinds: Any) -> Any:
     """Return the friction with the coefficient, the stiffness and the dashpot that it has at contacts.
 
+    Where the coefficient is 0 nothing acts across, and spring and dashpot are 0.
+
     Parameters
     ----------
     friction
@@ -139,9 +141,10 @@ def at_contact(friction: Friction, second: Any, normal: Any, kinds: Any) -> Any:
         The pairs of kinds of particles, one or an array of them.
 
     """
-    k, c = friction.stiffness, friction.damping
+    k, c, coefficient = friction.stiffness, friction.damping, number_at(friction.coefficient, kinds)
+    rubs = coefficient > 0.0
     return friction._replace(
-        coefficient=number_at(friction.coefficient, kinds),
-        stiffness=mindlin_stiffness(k, second, kinds) if isinstance(k, Mindlin) else k,
-        damping=c.ratio * normal if isinstance(c, DampingRatio) else c,
+        coefficient=coefficient,
+        stiffness=(mindlin_stiffness(k, second, kinds) if isinstance(k, Mindlin) else k) * rubs,
+        damping=(c.ratio * normal if isinstance(c, DampingRatio) else c) * rubs,
     )

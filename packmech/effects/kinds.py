@@ -259,9 +259,10 @@ def refuse_missing_kinds(effects: tuple[Any, ...], packing: Packing) -> None:
 
     """
     for k, one in enumerate(effects):
-        for name, table in tables_in(one):
+        # of surfaces what compiled loops know
+        for name, table in tables_in(getattr(one, "flat", one)):
             kinds = kinds_of_table(len(table))
-            if getattr(one, "acts_as", "") == "walls":
+            if getattr(one, "acts_as", "") in ("walls", "mesh"):
                 raise ValueError(
                     f"effects[{k}].{name} must not differ by kinds, as walls do the same to all particles, got a table "
                     f"for {kinds} kinds"

@@ -42,7 +42,7 @@ def _modulus_of(one: Material, other: Material) -> float:
 @shown()
 @dataclass(frozen=True)
 class Material:
-    """A material that all particles of a scene are made of.
+    """A material that particles and walls are made of.
 
     Parameters
     ----------

@@ -104,8 +104,9 @@ class MeshWalls:
     that a surface which is bent in by less from triangle to triangle, as a drum is, is touched once, too: energies are
     continuous there for overlaps with images up to 1.5 % of the contact distance.
 
-    Smooth, and at rest. The surface is not repeated with the box: it stands in the cell, and particles are where they
-    are in the cell. It takes spheres.
+    Smooth, and at rest. The surface is not repeated with the box: it stands in the cell. A call takes particles where
+    they are in the cell at its start; what leaves the cell on the way does not meet the surface again. It takes
+    spheres.
 
     Parameters
     ----------
@@ -168,12 +169,12 @@ class MeshWalls:
         return len(self.corner_tcd)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, MeshWalls) and self._told() == other._told()
+        return isinstance(other, MeshWalls) and self._compared() == other._compared()
 
     def __hash__(self) -> int:
-        return hash(self._told())
+        return hash(self._compared())
 
-    def _told(self) -> tuple[Any, ...]:
+    def _compared(self) -> tuple[Any, ...]:
         vertex, number = np.asarray(self.vertices), np.asarray(self.triangles)
         return vertex.tobytes(), number.tobytes(), self.law, self.damping, self.friction
 

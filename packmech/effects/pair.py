@@ -262,9 +262,9 @@ def bound_effect(cls: E) -> E:
 
 
 def inner_record(cls: E) -> E:
-    """Return a record class with hooks of single particles, arrays among its fields: loops know it, scenes do not.
+    """Return a record class with hooks of single particles, arrays among its fields: used in compiled loops.
 
-    It stands for an effect that holds arrays of its own.
+    It stands for an effect that holds arrays of its own, and is none of a scene itself.
     """
     hooks = {name: vars(cls)[name] for name in _HOOKS if inspect.isfunction(vars(cls).get(name))}
     tell_apart(cls)

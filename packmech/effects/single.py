@@ -38,7 +38,7 @@ class SingleTerms(NamedTuple):
 def single_effects(effects: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them.
 
-    As loops know them.
+    Surfaces as their `MeshRows`.
     """
     return tuple(in_loops(one) for one in effects if hasattr(type(one), "body_energy"))
 
@@ -152,11 +152,31 @@ def _single_terms(  # type: ignore[no-untyped-def]
 _PLACES = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
-def places_in_cell(packing: Packing, position_nd: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Return the (N, 3) places that walls and potentials see: those of the images in the cell.
+def vectors_outside(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.float64]:
+    """Return the (N, d) numbers of lattice vectors by which particles are outside the cell that walls stand in.
+
+    The cell begins at the origin; along an axis whose walls reach out of it, half its height before the middle between
+    these, so that what is between the walls stays there.
+    """
+    box, begin_d = packing.box, np.zeros(packing.dimension)
+    for one in effects:
+        axis = int(one.axis) if getattr(one, "acts_as", "") == "walls" else packing.dimension
+        height = box.height_across(axis) if axis < packing.dimension else None
+        if height is not None and (one.low < 0.0 or one.high > height) and one.high - one.low <= height:
+            along = int(np.abs(box.lattice_dd[axis]).argmax())
+            begin_d[along] = 0.5 * (one.low + one.high) / box.lattice_dd[axis, along] - 0.5
+    return np.floor(packing.position_nd @ box.inverse_dd.T - begin_d)
+
+
+def places_in_cell(
+    effects: tuple[Any, ...], packing: Packing, position_nd: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Return the (N, 3) places that walls and potentials see: those of the images in the cell (`vectors_outside`).
 
     Parameters
     ----------
+    effects
+        The scene's effects.
     packing
         The packing.
     position_nd
@@ -164,7 +184,7 @@ def places_in_cell(packing: Packing, position_nd: NDArray[np.float64] | None = N
 
     """
     own = packing.position_nd
-    wrap = np.floor(own @ packing.box.inverse_dd.T)
+    wrap = vectors_outside(effects, packing)
     place = np.zeros((packing.particles, 3))
     place[:, : packing.dimension] = (own if position_nd is None else position_nd) - wrap @ packing.box.lattice_dd.T
     return place
@@ -188,7 +208,7 @@ def single_terms(
     size, number = np.zeros(n), np.zeros(n, dtype=np.int64)
     acting = single_effects(effects)
     if acting:
-        place = places_in_cell(packing, position_nd)
+        place = places_in_cell(effects, packing, position_nd)
         mass = np.ascontiguousarray(packing.mass_n, dtype=np.float64)
         _single_terms(acting, place, mass, packing.radius_n, energy, force, second, size, number)
     return SingleTerms(energy, force[:, :d], second[:, _PLACES[:d, :d]], size, number)
@@ -281,7 +301,7 @@ def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[WallSide]:
     found = []
     for k, one in enumerate(effects):
         if isinstance(one, Walls):
-            place = places_in_cell(packing) if place is None else place
+            place = places_in_cell(effects, packing) if place is None else place
             axis = int(one.axis)
             for side, height in ((1.0, place[:, axis] - one.low), (-1.0, one.high - place[:, axis])):
                 found.append(WallSide(k, one, side, wall_touches(packing, height, axis, side)))

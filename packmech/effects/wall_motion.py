@@ -14,7 +14,7 @@ class HeldStress(NamedTuple):
     at the low one, as a body between them bears it: tension is positive, so that across the face stress = -pressure,
     and along it a positive one drags the high face along the axis and the low face against it. At rest the particles
     bear just this stress. Gravity does not act on faces. A light face, or one with a strong dashpot, asks for short
-    time steps: they are chosen for as many contacts as find place at the face.
+    time steps: they are chosen for as many contacts as fit on the face.
     Its numbers are checked when a `Scene` is made with it.
 
     Parameters

@@ -42,7 +42,7 @@ from packmech.effects import (
     under_cap,
     wall_sides,
 )
-from packmech.effects.kinds import largest_number, number_at
+from packmech.effects.kinds import number_at
 from packmech.effects.single import SingleTerms
 from packmech.jit.blas import single_thread
 from packmech.measure.counting import mean_of_moving
@@ -349,7 +349,7 @@ class ContactForces:
         """
         packing, effects = self.scene.packing, self.scene.effects
         bearing, walls = self.contacts.select(self.bearing_c), rough_walls(effects)
-        mu = _coefficient(self.scene)
+        mu = self._coefficient
         # rows are made for this coefficient, the largest, and as long as their own is over it
         unit = mu if mu > 0.0 or not walls else 1.0
         if unit == 0.0:
@@ -375,7 +375,7 @@ class ContactForces:
         effects, packing = self.scene.effects, self.scene.packing
         count, resisting = self.contacts.select(self._held_c()).count_n(), np.zeros(packing.particles, dtype=bool)
         resisting[:] = bool(rolling_spring_of(effects) or twisting_of(effects))
-        if not _coefficient(self.scene) > 0.0:
+        if not self._coefficient > 0.0:
             count = np.zeros_like(count)
         for _, wall, _, touches in wall_sides(effects, packing) if rough_walls(effects) else ():
             if wall.roughness is not None:
@@ -409,21 +409,29 @@ class ContactForces:
         there counts in n_m, too: (d (d + 1) + 2 n_m) / (d + r). Shundyak, van Hecke and van Saarloos, Phys. Rev. E 75,
         010301 (2007); n_m is the number of contacts at the limit per particle, which for discs and spheres tends to 1
         in the plane and to 3 in space as friction vanishes: then it is 2 d, as without friction, where their torques
-        need no balance. Every link bears one force, too. Not known, nan, where walls are rough: what they bear is not
-        counted.
+        need no balance. Where the coefficient is 0 for some pairs of kinds, their contacts have a normal force alone,
+        and the torques of what only such contacts touch need no balance. Every link bears one force, too. Not known,
+        nan, where walls are rough: what they bear is not counted.
         """
         if rough_walls(self.scene.effects):
             return math.nan
         d, held = self.contacts.dimension, ~self.rattlers_n
         links, count = self.scene.packing.links, max(int(held.sum()), 1)
         linked = int((held[links.i_l] & held[links.j_l]).sum())
-        if not _coefficient(self.scene) > 0.0:
-            turns = int((self.scene.packing.turn_nkt[held] != 0.0).any(axis=2).sum())
-            return 2.0 * (d + (turns - linked) / count)
+        turns_n = (self.scene.packing.turn_nkt != 0.0).any(axis=2).sum(axis=1)
+        if not self._coefficient > 0.0:
+            return 2.0 * (d + (int(turns_n[held].sum()) - linked) / count)
         rolling, twisting = rolling_spring_of(self.scene.effects), twisting_of(self.scene.effects)
         rows = d + (d - 1) * (rolling is not None) + (twisting is not None)
         limited = self.at_limit_per_particle + self._turning_at_limit() / count
-        return (d * (d + 1) + 2.0 * (limited - linked / count)) / rows
+        bearing = self.contacts.select(self._held_c())
+        rubbing_c = np.broadcast_to(_coefficients(self.scene, bearing) > 0.0, len(bearing))
+        smooth = 1.0 - float(rubbing_c.mean()) if len(bearing) else 0.0
+        if smooth == 0.0:
+            return (d * (d + 1) + 2.0 * (limited - linked / count)) / rows
+        rough = bearing.select(rubbing_c).count_n() > 0
+        turns = int(np.where(rough, d * (d - 1) // 2, turns_n)[held].sum())
+        return 2.0 * (d + limited + (turns - linked) / count) / (rows - (d - 1) * smooth)
 
     def _turning_at_limit(self) -> int:
         """Return how many springs against rolling and twisting are at their limit, of contacts that bear."""
@@ -443,6 +451,11 @@ class ContactForces:
             "residual": self.residual,
         }
 
+    @property
+    def _coefficient(self) -> float:
+        """Coulomb's coefficient, the largest of these contacts where it differs by kinds; 0 without friction."""
+        return float(np.max(_coefficients(self.scene, self.contacts), initial=0.0))
+
     def _held_c(self) -> NDArray[np.bool_]:
         rattling = self.rattlers_n
         return np.asarray(self.bearing_c & ~(rattling[self.contacts.i_c] | rattling[self.contacts.j_c]))
@@ -453,11 +466,6 @@ def _cross(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.f
     if one.shape[1] == 3:
         return np.cross(one, other)
     return np.asarray((one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])[:, None])
-
-
-def _coefficient(scene: Scene) -> float:
-    """Return Coulomb's coefficient, the largest where it differs by kinds; 0 without friction."""
-    return largest_number(friction_or_zero(scene.effects).coefficient)
 
 
 def _coefficients(scene: Scene, contacts: Contacts | ShapeContacts) -> Any:

@@ -141,7 +141,8 @@ def _springs_at(side: WallSide, normal_wd: NDArray[np.float64], stretch_wk: NDAr
     here, before = at_contact(friction, steep, 0.0, 0), stretch_wk[:, turns]
     # of `Mindlin`: 0 else
     fallen = (before > 0.0) & (before < here.stiffness)
-    slid = stretch_wk[:, :turns] * np.where(fallen, before / here.stiffness, 1.0)[:, None]
+    worth = np.divide(before, here.stiffness, out=np.ones_like(before), where=fallen)
+    slid = stretch_wk[:, :turns] * worth[:, None]
     across = _across(here, slid, normal_wd, push)
     rolled = _across(rolling, stretch_wk[:, turns + 1 : 2 * turns + 1], normal_wd, push)
     twist, energy = _limited(twisting, stretch_wk[:, -1:], push)

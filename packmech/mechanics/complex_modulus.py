@@ -327,7 +327,8 @@ def complex_modulus(
     elastic_load, viscous_load = elastic.column_nqe @ strain, viscous.column_nqe @ strain
     if single is not None:
         # potentials stay where they are while the box takes the particles along
-        elastic_load += np.einsum("nab,nb->na", single[:, :, :d], places_in_cell(packing)[:, :d] @ direction.T)
+        place = places_in_cell(scene.effects, packing)[:, :d]
+        elastic_load += np.einsum("nab,nb->na", single[:, :, :d], place @ direction.T)
     mass = np.broadcast_to(packing.mass_n[:, None], free.shape)
     viscous_load -= drag * mass * _flow(direction, turn)
     response = _ViscoelasticResponse(elastic, viscous, elastic_load, viscous_load, mass, drag, direction, free)

@@ -127,6 +127,12 @@ class FrictionalNetwork(NamedTuple):
 def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     """Return the touching pairs of a scene with friction, those of rattlers left out unless these are to be kept."""
     one_of("rattlers", rattlers, ("remove", "keep"))
+    shapes = scene.packing.shapes
+    if not shapes.has_spheroid_sites:
+        raise ValueError(
+            "scene.packing must be of discs, spheres, spheroids or rigid bodies where springs act across contacts, "
+            f"got {shapes.names[1]}, whose normal forces pm.hessian and pm.normal_modes know"
+        )
     if acts_on_single(scene.effects):
         needs_second(scene.effects, "second derivatives")
     found = resting_forces(scene, second=True)
@@ -272,7 +278,7 @@ def stiffness_matrix(
         them all. Most motions do neither: some contacts stick and some slip, which `elastic_moduli` finds for a given
         strain. With less and less friction moduli go over to those without it smoothly if contacts slip only (Henkes,
         van Hecke and van Saarloos, EPL 90, 14003 (2010)). Springs against rolling and twisting at their
-        limits do the same.
+        limits do the same at contacts between particles; at walls they stick.
     strain_scale
         As in `hessian`.
 

@@ -18,6 +18,7 @@ from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
 from packmech.effects import held_particles, is_interaction, pair_energy, pair_first, reach_beyond_contact
 from packmech.effects.kinds import reference_partners
+from packmech.effects.single import vectors_outside
 from packmech.loop.run_loop import RunLoop, RunSettings
 from packmech.minimize.passes.interaction_rows import bonded_rows
 from packmech.minimize.passes.kernels import (
@@ -588,7 +589,7 @@ def build_program(scene: Scene) -> Program:
         wrap = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0)
     else:
         # what acts on single particles sees those in the cell
-        wrap = np.floor(fraction)
+        wrap = vectors_outside(scene.effects, packing)
     shapes = packing.shapes
     rows = packing.particles + len(shapes.coordinates(shapes, packing.radius_n))
     row = np.zeros((rows, 4))

@@ -207,6 +207,15 @@ def test_scene_files_hold_surfaces(tmp_path):
     assert pm.read_scene(tmp_path / "scene.toml") == scene
 
 
+def test_surfaces_refuse_tables_by_kinds_as_flat_walls_do():
+    soft, hard = pm.Hertz(1.0), pm.Hertz(9.0)
+    by_kind = pm.LawByKind([[soft, hard], [hard, hard]])
+    packing = balls([[2.0, 1.7, 1.6]]).replace(kind_n=[1])
+    for given in ({"law": by_kind}, {"law": LAW, "damping": pm.Restitution(pm.ByKind([[0.5, 0.6], [0.6, 0.7]]))}):
+        with pytest.raises(ValueError, match=r"effects\[1\]\..* must not differ by kinds"):
+            pm.Scene(packing, (PAIRS, pm.MeshWalls(*cube(), **given)))
+
+
 def test_what_surfaces_are_not_for_is_refused_by_name():
     mesh = pm.MeshWalls(*cube(), LAW)
     discs = pm.Packing([[1.0, 1.0]], [0.5], pm.Box.cubic(6.0, 2))

@@ -174,3 +174,33 @@ def test_frames_of_a_run_draw_walls_where_they_stood():
     frames = trajectory_of_run(run, scene, 3).frames
     high = [one.effects[1].high for one in frames]
     assert high == pytest.approx(scene.effects[1].high - 2.0 * np.array([0.0, 0.02, 0.04]), rel=1e-12)
+
+
+def test_what_goes_on_from_walls_that_left_the_cell_stays_between_them():
+    """The cell is the one that has the middle between the walls: forces, rest and motion agree."""
+    disc = pm.Packing([[1.0, -0.55]], [0.5], pm.Box.cubic(6.0, 2))
+    for shift in (0.0, 6.0):
+        walls = pm.Walls(1, -1.0, 2.7, pm.LinearSpring(1.0), 0.5)
+        scene = pm.Scene(
+            disc.replace(position_nd=disc.position_nd + [0.0, shift]), (pm.Repulsion(), pm.Gravity(0.0, -0.1), walls)
+        )
+        weight = 0.1 * float(disc.mass_n[0])
+        # 0.45 above the wall: pressed in by 0.05, and so is the image
+        assert pm.forces(scene)[0] == pytest.approx([0.0, 0.1 - weight], rel=1e-12)
+        rest = -0.5 - 0.5 * weight
+        for run in (pm.simulate(scene, duration=80.0), pm.quench(scene, force_tolerance=1e-12)):
+            place = run.packing.position_nd[0, 1]
+            assert place - 6.0 * round((place - rest) / 6.0) == pytest.approx(rest, abs=1e-8)
+
+
+def test_a_run_ends_before_its_walls_meet_and_before_they_are_farther_apart_than_the_box():
+    disc = pm.Packing([[1.0, 1.5]], [0.1], pm.Box.cubic(6.0, 2))
+    apart = pm.Walls(1, 0.5, 2.5, pm.LinearSpring(100.0), high_motion=pm.WallMotion(y=0.5))
+    run = pm.simulate(pm.Scene(disc, (pm.Repulsion(), apart)), duration=20.0, dt=1e-2, check=False)
+    assert run.outcome is pm.Outcome.WALLS_MET and not run.ok
+    assert 6.4 < run.walls.place_tf[-1, 1] <= 6.5
+    behind = disc.replace(position_nd=[[1.0, 2.3]])
+    closing = pm.Walls(1, 0.5, 2.0, pm.LinearSpring(1e-9), low_motion=pm.WallMotion(y=0.5))
+    run = pm.simulate(pm.Scene(behind, (pm.Repulsion(), closing)), duration=20.0, dt=1e-2, check=False)
+    assert run.outcome is pm.Outcome.WALLS_MET
+    assert 1.9 < run.walls.place_tf[-1, 0] < 2.0

@@ -458,3 +458,30 @@ def test_a_batch_shears_packings_of_kinds_as_single_runs_do(rested):
     alone.advance(np.array([[0.02]]))
     np.testing.assert_array_equal(batch.figure_bk[0], alone.figure_bk[0])
     assert math.isclose(batch.figure_bk[1, batch.names.index("elastic_energy")], pm.energy(rested), rel_tol=1e-6)
+
+
+def test_pairs_whose_coefficient_is_zero_are_smooth_at_rest():
+    crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    smooth, rough = (pm.Scene(crystal, (pm.Repulsion(), pm.Friction(one, 0.7))) for one in (0.0, 0.5))
+    for numbers, like in (((0.0, 0.0, 0.5), smooth), ((0.5, 0.0, 0.0), rough)):
+        scene = pm.Scene(crystal, (pm.Repulsion(), pm.Friction(pm.ByKind(numbers), 0.7)))
+        one, other = (pm.elastic_moduli(each) for each in (scene, like))
+        assert one.shear_modulus == pytest.approx(other.shear_modulus, rel=1e-12)
+        same = pm.stiffness_matrix(scene, "none") - pm.stiffness_matrix(like, "none")
+        assert np.abs(same.toarray()).max() < 1e-14
+        counts = [pm.contact_forces(each).isostatic_coordination for each in (scene, like)]
+        assert counts[0] == pytest.approx(counts[1], rel=1e-14)
+
+
+def test_smooth_pairs_among_rough_ones_have_one_number_and_torques_only_where_a_rough_one_is():
+    # kinds in rows: of the six contacts of a particle two are with its own kind
+    crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
+    rows = np.arange(16) % 4 % 2
+    mixed = crystal.replace(kind_n=rows)
+    scene = pm.Scene(mixed, (pm.Repulsion(), pm.Friction(pm.ByKind((0.0, 0.0, 0.5)), 0.7)))
+    found = pm.contact_forces(scene)
+    rough = (rows[found.contacts.i_c] == 1) & (rows[found.contacts.j_c] == 1)
+    share, turning = 1.0 - rough.mean(), 0.5
+    assert 0.0 < share < 1.0
+    # forces that are free, over equations of force for all and of torque for half of the particles
+    assert found.isostatic_coordination == pytest.approx(2.0 * (2.0 + turning) / (2.0 - share), rel=1e-14)

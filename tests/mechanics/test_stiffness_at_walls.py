@@ -139,3 +139,13 @@ def test_the_sparse_modes_are_those_of_dense_diagonalization_with_held_particles
     assert not few.displacement_mnd[:, [0, 3]].any()
     near = whole.eigenvalue_m[np.argsort(np.abs(whole.eigenvalue_m))[: len(few)]]
     assert np.abs(np.sort_complex(near) - np.sort_complex(few.eigenvalue_m)).max() < 1e-9 * whole.largest
+
+
+@pytest.mark.parametrize("friction", [None, pm.Friction(0.0)])
+def test_walls_that_only_resist_rolling_hold_a_disc_against_turning_alone(friction):
+    disc = pm.Packing([[1.0, 0.49]], [0.5], pm.Box.cubic(3.0, 2))
+    rolling = pm.RollingResistance(0.1, 0.3)
+    walls = pm.Walls(1, 0.0, 3.0, pm.LinearSpring(1.0), friction=friction, rolling=rolling)
+    found = pm.stiffness_matrix(pm.Scene(disc, (pm.Repulsion(), walls)), "none").toarray()
+    # the coordinate of turns is the angle times the radius of gyration, r / sqrt 2
+    assert np.allclose(found, np.diag([0.0, 2.0, 0.3 * 0.49**2 / (0.5 * 0.5**2)]), rtol=1e-12, atol=1e-15)
