@@ -396,6 +396,10 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         if material is not None:
             raise ValueError("packing.law must be given beside a material, whose law is known once the packing is")
         fields["law"] = law_of(tuple(effects))
+    if isinstance(material, Materials) and "density" in fields:
+        raise ValueError(
+            f"packing.density must be left out beside several materials, which have their own, got {fields['density']!r}"
+        )
     if isinstance(material, Material) and "density" in known:
         fields.setdefault("density", material.density)
     packing = make(recipe, fields, "packing", FIELD_OF)

@@ -231,7 +231,8 @@ class World:
         """Give what does not change of the particles: sizes and colors, of ellipses the outlines' width, surfaces."""
         sites, path = self.sites, "world/particles"
         if self.solids:
-            axes_nd = self.packing.shapes.axes(self.packing.radius_n)
+            shapes: Any = self.packing.shapes
+            axes_nd = shapes.axes(self.packing.radius_n)
             for k, one in enumerate(self.solids):
                 yield (
                     f"{path}/{k}",

@@ -1,6 +1,7 @@
 """Facts about scenes of grains with friction that flow or pile up."""
 
 import json
+import pathlib
 
 import numpy as np
 import pytest
@@ -60,3 +61,21 @@ def test_the_drive_at_constant_pressure_is_the_call_with_its_fields(tmp_path, ca
     assert numbers["stress_ratio"] == run.stress_ratio[0]
     assert numbers["inertial_number"] == run.inertial_number
     assert "stress over pressure" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("added", "said"),
+    [
+        ("packing.density", "packing.density must be left out beside several materials, which have their own, got 2.0"),
+        ("walls", r"effects\[0\].law must be given for walls beside several materials, got nothing"),
+    ],
+)
+def test_what_several_materials_leave_open_or_have_themselves_is_named(tmp_path, added, said):
+    text = (pathlib.Path(pm.__file__).parent / "scenes" / "glass-and-steel.toml").read_text(encoding="utf-8")
+    if added == "walls":
+        text = text.replace("[drive]", '[[effects]]\nkind = "walls"\naxis = 1\nlow = 0.0\nhigh = 2.0\n\n[drive]')
+    else:
+        text = text.replace("packing_fraction = 0.5", "packing_fraction = 0.5\ndensity = 2.0")
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=said):
+        pm.read_scene(tmp_path / "mine.toml")
