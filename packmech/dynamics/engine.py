@@ -593,7 +593,7 @@ class Engine:
         for one in self.scene.effects:
             if isinstance(one, Walls) and one.moves:
                 # what is between two walls stays there, wherever they go
-                shift[:, lattice[int(one.axis)] != 0.0] = 0
+                shift[:, np.abs(lattice[int(one.axis)]).argmax()] = 0
         change = np.eye(d, dtype=np.int64)
         if self.space.flow is not None:
             reduced, other = loops.reduced()
