@@ -12,7 +12,7 @@ An effect (`packmech.effects.pair.effect`) is one where it defines
 for distances of centers below its reach, whether the particles touch or not. The alignment of a pair is the cosine of
 the angle between its directions: the directors of ellipses and spheroids, the first axes of rigid bodies. Discs and
 spheres have none: theirs is 1, and nothing turns them. A hook that names a parameter `partners` where these have
-`contact_distance` is told the effective radius of the two as well (`packmech.effects.partners`). What an interaction
+`contact_distance` is given the effective radius of the two as well (`packmech.effects.partners`). What an interaction
 does is an element like a contact (`packmech.contacts.elements`), with the slopes of the distance and of the alignment.
 
 An interaction of discs and spheres may remember what happened to a pair. Its class says how many numbers it keeps of

@@ -2,7 +2,7 @@
 
 A law is a small record of numbers with three methods. Each is a scalar function of the distance r of two centers and
 of their contact distance sigma, asked for only while r < sigma, and works both in plain Python and inside compiled
-loops, which choose it by its type. One that names `partners` in place of `contact_distance` is told the effective
+loops, which choose it by its type. One that names `partners` in place of `contact_distance` is given the effective
 radius as well (`packmech.effects.partners`). A user's own law is written the same way::
 
     @pm.law

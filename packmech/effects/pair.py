@@ -131,7 +131,7 @@ def effect(cls: E) -> E:
         =====================================================  =========================================================
 
         Those of pairs are asked for distances below contact. A hook that names a parameter `partners` where these have
-        `contact_distance` is told the effective radius of the two as well (`Partners`). (x, y, z) is the place in the
+        `contact_distance` is given the effective radius of the two as well (`Partners`). (x, y, z) is the place in the
         cell: an energy that differs at opposite faces jumps where a particle crosses one. A class whose force is meant
         to jump at contact says so, `force_jumps = True`; others must go to zero there.
 

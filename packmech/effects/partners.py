@@ -1,4 +1,4 @@
-"""What laws are told of two particles that touch, beside their distance: how large, how curved, of which kinds."""
+"""What laws are given of two particles that touch, beside their distance: how large, how curved, of which kinds."""
 
 from __future__ import annotations
 

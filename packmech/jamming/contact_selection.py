@@ -21,7 +21,7 @@ from packmech.packing import Packing
 # gap tolerance in mean relative overlaps, and the smallest one: rounding of exact crystals and hard-particle packings
 OVERLAPS = 7.0
 MINIMUM_GAP_TOLERANCE = 1e-9
-# net forces below this many rounding floors cannot be told from zero
+# net forces below this many rounding floors are zero within the error
 FLOORS = 8.0
 
 
