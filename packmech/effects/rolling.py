@@ -246,4 +246,4 @@ def roughness_of(effects: tuple[Any, ...]) -> Friction | RoughContacts | None:
     friction, rolling, twisting = friction_of(effects), rolling_of(effects), twisting_of(effects)
     if rolling is None and twisting is None:
         return friction
-    return RoughContacts(friction or Friction(0.0, 0.0, 0.0), rolling, twisting)
+    return RoughContacts(friction or Friction(0.0), rolling, twisting)
