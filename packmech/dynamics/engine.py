@@ -72,6 +72,7 @@ from packmech.dynamics.wall_friction import faces_of, make_visited_walls, stretc
 from packmech.effects import (
     Bonds,
     Langevin,
+    MeshWalls,
     Restitution,
     ViscoelasticDamping,
     Walls,
@@ -594,6 +595,8 @@ class Engine:
             if isinstance(one, Walls) and one.moves:
                 # what is between two walls stays there, wherever they go
                 shift[:, np.abs(lattice[int(one.axis)]).argmax()] = 0
+            if isinstance(one, MeshWalls):
+                shift[:] = 0
         change = np.eye(d, dtype=np.int64)
         if self.space.flow is not None:
             reduced, other = loops.reduced()

@@ -122,7 +122,10 @@ class MovedWalls:
                 held = self.held_fd[f, a]
                 if np.isnan(held) and a != self.axis_f[f] and not stress:
                     continue
-                words = "given velocity" if np.isnan(held) else f"{held:.6g} is held"
+                reached = np.isnan(held) or abs(stress - held) <= _STEADY * max(abs(held), abs(stress))
+                words = (
+                    "given velocity" if np.isnan(held) else f"{held:.6g} is held{'' if reached else ', not reached'}"
+                )
                 steady = "steady" if self.steady_fd[f, a] else f"not steady, within {self.unrest_fd[f, a]:.1e}"
                 found.append(
                     (f"  stress {_AXES[a]}{_AXES[self.axis_f[f]]}", f"{stress + 0.0:.6g}", f"{words}; {steady}")

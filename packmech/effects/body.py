@@ -401,9 +401,16 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
                 f"discs and spheres, got {one.low_motion!r} and {one.high_motion!r}"
             )
         for name in ("low_motion", "high_motion"):
-            beyond = moved_along(getattr(one, name))[packing.dimension :]
+            motion = moved_along(getattr(one, name))
+            beyond = motion[packing.dimension :]
             if any(beyond):
                 raise ValueError(f"effects[{k}].{name}.z must be zero in a plane, got {beyond[0]!r}")
+            idle = [a for a, along in enumerate(motion) if a != one.axis and along != 0.0]
+            if idle and one.roughness is None:
+                raise ValueError(
+                    f"effects[{k}].{name}.{'xyz'[idle[0]]} must be zero for smooth walls, which drag nothing along, "
+                    f"got {motion[idle[0]]!r}: give friction=pm.Friction(...)"
+                )
         if one.twisting is not None and packing.dimension == 2:
             raise ValueError(
                 f"effects[{k}].twisting must be None in a plane, where nothing twists, got {one.twisting!r}"

@@ -359,6 +359,11 @@ class Materials:
 
     def _check(self, packing: Packing) -> None:
         instance("packing", packing, Packing)
+        if packing.kind_n is None and len(self.materials) > 1:
+            raise ValueError(
+                f"packing must have kinds for {len(self.materials)} materials, got none: kind_n=..., "
+                "pm.assign_kinds(...), or the table [kinds] of a scene file"
+            )
         if packing.kinds > len(self.materials):
             raise ValueError(
                 f"packing must be of as many kinds as there are materials, {len(self.materials)}, got {packing.kinds}"

@@ -101,12 +101,13 @@ class MeshWalls:
     energy half of it. Distances to faces, edges and corners are exact. A sphere touches wherever its distance from the
     surface has a minimum on it: once over the edge between two triangles of one plane, once on an edge that stands out,
     at each side of a groove. Contacts whose directions differ by less than ten degrees count as one, the nearest, so
-    that a surface which is bent in by less from triangle to triangle, as a drum is, is touched once, too: energies are
-    continuous there for overlaps with images up to 1.5 % of the contact distance.
+    that a surface which is bent in by less from triangle to triangle, as a drum is, is touched once, too. Energies are
+    continuous while spheres reach into the surface by less than 1.5 % of their radius. One that is pressed deeper into
+    a facet, by more than 1 - cos(a), meets the next one of a groove of angle a at once with a force, not from zero on,
+    and a run gains or loses that energy: a stiffer law, or a finer surface, mends it.
 
-    Smooth, and at rest. The surface is not repeated with the box: it stands in the cell. A call takes particles where
-    they are in the cell at its start; what leaves the cell on the way does not meet the surface again. It takes
-    spheres.
+    Smooth, and at rest. The surface is not repeated with the box, and periodic images do not touch it: spheres meet it
+    where their positions say, inside the cell or not. It takes spheres.
 
     Parameters
     ----------

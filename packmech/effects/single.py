@@ -156,9 +156,12 @@ def vectors_outside(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.fl
     """Return the (N, d) numbers of lattice vectors by which particles are outside the cell that walls stand in.
 
     The cell begins at the origin; along an axis whose walls reach out of it, half its height before the middle between
-    these, so that what is between the walls stays there.
+    these, so that what is between the walls stays there. Zeros beside a surface of triangles, which particles meet
+    where their positions say.
     """
     box, begin_d = packing.box, np.zeros(packing.dimension)
+    if any(getattr(one, "acts_as", "") == "mesh" for one in effects):
+        return np.zeros_like(packing.position_nd)
     for one in effects:
         axis = int(one.axis) if getattr(one, "acts_as", "") == "walls" else packing.dimension
         height = box.height_across(axis) if axis < packing.dimension else None

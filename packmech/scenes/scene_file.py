@@ -398,7 +398,8 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         fields["law"] = law_of(tuple(effects))
     if isinstance(material, Materials) and "density" in fields:
         raise ValueError(
-            f"packing.density must be left out beside several materials, which have their own, got {fields['density']!r}"
+            "packing.density must be left out beside several materials, which have their own, got "
+            f"{fields['density']!r}"
         )
     if isinstance(material, Material) and "density" in known:
         fields.setdefault("density", material.density)

@@ -207,6 +207,20 @@ def test_scene_files_hold_surfaces(tmp_path):
     assert pm.read_scene(tmp_path / "scene.toml") == scene
 
 
+def test_spheres_meet_a_surface_where_they_are_across_the_edge_of_the_cell_too():
+    """Two halves of a run are the whole, and energies are those of the run; an image would be at the wall."""
+    wall = pm.MeshWalls([[1, 0, 0], [1, 8, 0], [1, 0, 8], [1, 8, 8]], [[0, 1, 2], [1, 3, 2]], LAW)
+    start = pm.Packing([[6.0, 4.0, 4.0]], [0.5], pm.Box.cubic(8.0, 3), mass_n=[1.0])
+    scene, velocity = pm.Scene(start, (PAIRS, wall)), [[0.1, 0.0, 0.0]]
+    half = pm.simulate(scene, duration=27.0, velocity_nd=velocity)
+    after = scene.replace(packing=half.packing)
+    assert half.packing.position_nd[0, 0] == pytest.approx(8.7, rel=1e-12)
+    assert pm.energy(after) == 0.0 and not pm.forces(after).any()
+    rest = pm.simulate(after, duration=10.0, velocity_nd=half.velocity_nd)
+    assert rest.packing.position_nd[0] == pytest.approx([9.7, 4.0, 4.0], rel=1e-12)
+    assert pm.quench(after, force_tolerance=1e-10).packing.position_nd[0, 0] == pytest.approx(8.7, rel=1e-12)
+
+
 def test_surfaces_refuse_tables_by_kinds_as_flat_walls_do():
     soft, hard = pm.Hertz(1.0), pm.Hertz(9.0)
     by_kind = pm.LawByKind([[soft, hard], [hard, hard]])

@@ -156,7 +156,7 @@ def test_what_walls_that_move_are_not_for_is_refused_by_name():
 
 def test_scene_files_hold_motions(tmp_path):
     motion = pm.WallMotion(0.1, pm.HeldStress(-1.0, inertia=2.0, damping=0.5, velocity=0.1))
-    scene = grains(number=12, motions=(None, motion))
+    scene = grains(number=12, friction=pm.Friction(0.5), motions=(None, motion))
     pm.write_scene(scene, tmp_path / "scene.toml")
     assert pm.read_scene(tmp_path / "scene.toml") == scene
     shipped = pm.read_scene("piston")
@@ -204,3 +204,19 @@ def test_a_run_ends_before_its_walls_meet_and_before_they_are_farther_apart_than
     run = pm.simulate(pm.Scene(behind, (pm.Repulsion(), closing)), duration=20.0, dt=1e-2, check=False)
     assert run.outcome is pm.Outcome.WALLS_MET
     assert 1.9 < run.walls.place_tf[-1, 0] < 2.0
+
+
+@pytest.mark.parametrize("along", [0.1, pm.HeldStress(0.1)])
+def test_a_smooth_wall_that_should_move_along_itself_is_refused(along):
+    with pytest.raises(ValueError, match="high_motion.x must be zero for smooth walls, which drag nothing along"):
+        ball_between(high_motion=pm.WallMotion(x=along))
+    assert ball_between(high_motion=pm.WallMotion(x=along), friction=pm.Friction(0.5)).effects
+
+
+def test_a_lid_that_falls_steadily_against_its_dashpot_does_not_bear_what_it_holds():
+    lid = pm.WallMotion(y=pm.HeldStress(-0.01, inertia=0.1, damping=1.0))
+    walls = pm.Walls(1, 0.5, 5.5, pm.LinearSpring(1.0), high_motion=lid)
+    disc = pm.Packing([[1.0, 1.0]], [0.5], pm.Box.cubic(6.0, 2))
+    run = pm.simulate(pm.Scene(disc, (pm.Repulsion(), walls)), duration=20.0)
+    assert run.walls.velocity_tfd[-1, 1, 1] == pytest.approx(-0.01, rel=1e-6) and run.walls.steady_fd[1, 1]
+    assert "-0.01 is held, not reached; steady" in [words for _, _, words in run.walls.rows()]

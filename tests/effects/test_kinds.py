@@ -485,3 +485,12 @@ def test_smooth_pairs_among_rough_ones_have_one_number_and_torques_only_where_a_
     assert 0.0 < share < 1.0
     # forces that are free, over equations of force for all and of torque for half of the particles
     assert found.isostatic_coordination == pytest.approx(2.0 * (2.0 + turning) / (2.0 - share), rel=1e-14)
+
+
+def test_several_materials_ask_for_the_kinds_of_a_packing():
+    materials = pm.Materials((pm.Material(1.0), pm.Material(2.0, density=3.0)))
+    packing = pm.random_packing(8, dimension=3, packing_fraction=0.3, seed=1)
+    for call in (materials.effects, materials.masses):
+        with pytest.raises(ValueError, match="packing must have kinds for 2 materials, got none: kind_n=..."):
+            call(packing)
+    assert len(set(materials.masses(packing.replace(kind_n=[0] * 4 + [1] * 4)))) == 2
