@@ -128,13 +128,12 @@ def _of_file(tables: dict[str, Any], file: Path, beside: Path) -> dict[str, Any]
         for one in tables.get("effects", [])
     ]
     packing = {"kind": "file", "path": os.path.relpath(file, beside)}
-    own = ("description", "packing", *(("kinds",) if read_packing(file).given_kind_n is not None else ()))
-    kept = {name: table for name, table in tables.items() if name not in own}
-    return (
-        {"description": f"The packing in {file.name}", "packing": packing}
-        | kept
-        | ({"effects": effects} if "effects" in tables else {})
-    )
+    made = tables | {"description": f"The packing in {file.name}", "packing": packing}
+    if "effects" in made:
+        made["effects"] = effects
+    if "kinds" in made and read_packing(file).given_kind_n is not None:
+        del made["kinds"]
+    return made
 
 
 def _drop_others(tables: dict[str, Any], path: str, kind: Any) -> None:

@@ -97,16 +97,13 @@ class EnergyLedger:
         """Return works and changes of energy since the start: name, value, and the channels that it is made of."""
 
         def of(curves: Curves) -> str:
-            return ", ".join(f"{name.replace('_', ' ')} {curve[-1]:.4g}" for name, curve in curves.items())
-
-        def changed(curves: Curves) -> str:
             return ", ".join(f"{name.replace('_', ' ')} {one[-1] - one[0]:.4g}" for name, one in curves.items())
 
         change = float(self.kinetic_t[-1] - self.kinetic_t[0]), float(self.stored_t[-1] - self.stored_t[0])
         return [
             ("work done", f"{self.work_t[-1]:.6g}", of(self.work)),
             ("change of kinetic", f"{change[0]:.6g}", f"to {self.kinetic_t[-1]:.4g}"),
-            ("change of stored", f"{change[1]:.6g}", changed(self.stored)),
+            ("change of stored", f"{change[1]:.6g}", of(self.stored)),
             ("dissipated", f"{self.dissipated_t[-1]:.6g}", of(self.dissipated)),
             ("left by integrator", f"{self.integrator_t[-1]:.3g}", of(self.integrator)),
             ("unexplained", f"{self.residual_t[-1]:.2g}", f"at most {self.residual:.1e} of all"),

@@ -191,8 +191,8 @@ class FaceRows:
         assert self.engine.faces is not None
         number_fk, box = self.engine.faces.number_fk, self.engine.scene.packing.box
         low, high = number_fk[::SIDES, PLACE], number_fk[1::SIDES, PLACE]
-        height = [float(np.abs(box.lattice_dd[int(axis)]).max()) for axis in number_fk[::SIDES, AXIS]]
-        return bool(np.all((low < high) & (high - low <= height)))
+        height = [box.height_across(int(axis)) for axis in number_fk[::SIDES, AXIS]]
+        return bool(np.all((low < high) & (high - low <= np.array(height, dtype=float))))
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return what a checkpoint keeps, by name."""

@@ -427,11 +427,9 @@ class ContactForces:
         bearing = self.contacts.select(self._held_c())
         rubbing_c = np.broadcast_to(_coefficients(self.scene, bearing) > 0.0, len(bearing))
         smooth = 1.0 - float(rubbing_c.mean()) if len(bearing) else 0.0
-        if smooth == 0.0:
-            return (d * (d + 1) + 2.0 * (limited - linked / count)) / rows
-        rough = bearing.select(rubbing_c).count_n() > 0
-        turns = int(np.where(rough, d * (d - 1) // 2, turns_n)[held].sum())
-        return 2.0 * (d + limited + (turns - linked) / count) / (rows - (d - 1) * smooth)
+        turned = (bearing.select(rubbing_c).count_n() > 0) | (bearing.count_n() == 0)
+        turns = int(np.where(turned, d * (d - 1) // 2, turns_n)[held].sum())
+        return 2.0 * (d + (turns - linked) / count + limited) / (rows - (d - 1) * smooth)
 
     def _turning_at_limit(self) -> int:
         """Return how many springs against rolling and twisting are at their limit, of contacts that bear."""

@@ -417,6 +417,14 @@ def paint_discs(image, center_kd, radius_k, color_kc):
                 _blend(image, y, x, cover, shade * red, shade * green, shade * blue)
 
 
+@device
+def _paint_rimmed(image, y, x, part, outside, red, green, blue):
+    """Paint a pixel of a particle, a part of the way from its center to its outline, and so far outside of this."""
+    line = min(1.0, max(0.0, outside + EDGE + 0.5))
+    shade = (1.0 - (1.0 - RIM) * part * part) * (1.0 - (1.0 - EDGE_SHADE) * line)
+    _blend(image, y, x, min(1.0, 0.5 - outside), shade * red, shade * green, shade * blue)
+
+
 @kernel
 def paint_ellipses(image, center_kd, along_k, across_k, axis_kd, color_kc):
     """Paint ellipses one over the other, as discs are painted; the axis is the unit vector along `along_k`."""
@@ -435,11 +443,8 @@ def paint_ellipses(image, center_kd, along_k, across_k, axis_kd, color_kc):
                 # how far outside, to first order
                 slope = np.sqrt((p / a) ** 2 + (q / b) ** 2) / max(part, 1e-12)
                 outside = (part - 1.0) / max(slope, 1e-12)
-                if outside >= 0.5:
-                    continue
-                line = min(1.0, max(0.0, outside + EDGE + 0.5))
-                shade = (1.0 - (1.0 - RIM) * part * part) * (1.0 - (1.0 - EDGE_SHADE) * line)
-                _blend(image, y, x, min(1.0, 0.5 - outside), shade * red, shade * green, shade * blue)
+                if outside < 0.5:
+                    _paint_rimmed(image, y, x, part, outside, red, green, blue)
 
 
 @kernel
@@ -471,11 +476,8 @@ def paint_outlines(image, center_kd, reach_k, corner_kcd, color_kc):
                     part, outside = max(part, away / support_c[c]), max(outside, away - support_c[c])
                     if outside >= 0.5:
                         break
-                if outside >= 0.5:
-                    continue
-                line = min(1.0, max(0.0, outside + EDGE + 0.5))
-                shade = (1.0 - (1.0 - RIM) * part * part) * (1.0 - (1.0 - EDGE_SHADE) * line)
-                _blend(image, y, x, min(1.0, 0.5 - outside), shade * red, shade * green, shade * blue)
+                if outside < 0.5:
+                    _paint_rimmed(image, y, x, part, outside, red, green, blue)
 
 
 @kernel

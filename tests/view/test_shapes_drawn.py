@@ -46,7 +46,10 @@ def test_superellipses_are_painted_as_the_ellipses_that_they_are_and_cover_their
         inside = np.s_[60:420, 60:420]
         side = (480 / 1.24) / 4.0
         covered = (np.abs(pixels[inside] - sum(drawing.BACKGROUND)) > 60).sum()
-        assert covered == pytest.approx(np.pi * side**2, rel=0.02)
+        # pixels on the outline are covered in part: half of them, about, and surely less than all
+        outline = drawing.silhouettes(packing)[0]
+        crossed = side * np.linalg.norm(np.diff(outline, axis=0), axis=1).sum()
+        assert covered == pytest.approx(np.pi * side**2, abs=0.5 * crossed)
 
 
 @pytest.mark.parametrize("aspect", [0.5, 2.0])
