@@ -337,7 +337,7 @@ def _slope_alone(effects, laws, pair, r):
     for one in literal_unroll(effects):
         first += remembering_slope(one, r, partners, 1.0, memory_at(one, laws.stretch_pk, pair.p, column))
         column += memory_size(one)
-    return PairLaw(0.0, first, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0, 0.0
+    return first
 
 
 def law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
@@ -348,20 +348,6 @@ def law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
 @compiled_form(law_of_pair, inline=True)
 def _choose_law_of_pair(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
     return _remembering_law if any(remembers(one) for one in effects) else _forgetful_law
-
-
-@inlined
-def _slope_of_discs(shapes, effects, laws, pair, r):
-    return _slope_alone(effects, laws, pair, r)
-
-
-@inlined
-def _slopes_of_shapes(shapes, effects, laws, pair, r):
-    return law_of_pair(effects, laws, pair, r)
-
-
-# the same without energies and second derivatives, where a scene has discs or spheres alone
-_slopes_of_pair = by_type(_slopes_of_shapes, {type(None): _slope_of_discs})
 
 
 @inlined
@@ -406,27 +392,20 @@ def has_interactions(effects: Any) -> bool:
     return any(is_interaction(one) for one in effects)
 
 
-def push_beyond(effects: Any, pushing: Pushing, laws: ContactLaws, pair: Pair) -> None:
-    """Add what a pair's interactions do to its rows; nothing where a scene has none."""
+def slope_beyond(effects: Any, laws: ContactLaws, pair: Pair, r: float) -> Any:
+    """Return the radial derivative of the interactions of two discs or spheres; None where a scene has none."""
     raise NotImplementedError("pairs are visited in compiled loops")
 
 
 @inlined
-def _push_beyond(effects, pushing, laws, pair):
+def _slope_beyond(effects, laws, pair, r):
     remember(effects, laws, pair)
-    r = math.sqrt(pair.dx * pair.dx + pair.dy * pair.dy + pair.dz * pair.dz)
-    law, x, y, z = _slopes_of_pair(laws.shapes, effects, laws, pair, r)
-    pull = _pull_of_law(pair, r, law, x, y, z)
-    add_force(laws.axes, pushing.spins, pushing.push, pair.i, pull)
-    if pair.slot == NO_SLOT:
-        add_reaction(laws.axes, pushing.spins, pushing.push, pair.j, pull)
-    else:
-        add_reaction(laws.axes, pushing.spins, pushing.slot_qk, pair.slot, pull)
+    return _slope_alone(effects, laws, pair, r)
 
 
-@compiled_form(push_beyond, inline=True)
-def _choose_push_beyond(effects: Any, pushing: Any, laws: Any, pair: Any) -> Any:
-    return _push_beyond if has_interactions(effects) else lambda effects, pushing, laws, pair: None
+@compiled_form(slope_beyond, inline=True)
+def _choose_slope_beyond(effects: Any, laws: Any, pair: Any, r: Any) -> Any:
+    return _slope_beyond if has_interactions(effects) else lambda effects, laws, pair, r: None
 
 
 class Pushing(NamedTuple):
@@ -437,30 +416,91 @@ class Pushing(NamedTuple):
     slot_qk: Any
 
 
+@inlined
+def _add(pull, pushing, axes, pair):
+    add_force(axes, pushing.spins, pushing.push, pair.i, pull)
+    if pair.slot == NO_SLOT:
+        add_reaction(axes, pushing.spins, pushing.push, pair.j, pull)
+    else:
+        add_reaction(axes, pushing.spins, pushing.slot_qk, pair.slot, pull)
+
+
+@inlined
+def _along(slope, touch, pull):
+    fx, fy, fz = pull.fx + slope * touch.x, pull.fy + slope * touch.y, pull.fz + slope * touch.z
+    return Pull(fx, fy, fz, pull.on_i, pull.on_j, pull.normal, pull.across, pull.turning)
+
+
+# a pull with a force along the line of centers
+_with_slope = by_type(_along, {type(None): lambda slope, touch, pull: pull})
+
+
+@inlined
+def _push_along(slope, touch, pushing, axes, pair):
+    nothing = 0.0, 0.0, 0.0
+    _add(_along(slope, touch, Pull(0.0, 0.0, 0.0, nothing, nothing, 0.0, _NO_SPRING, None)), pushing, axes, pair)
+
+
+# adds such a force alone
+_push_apart = by_type(_push_along, {type(None): lambda slope, touch, pushing, axes, pair: None})
+
+
+@inlined
+def _push_discs(shapes, pushing, laws, pair):
+    axes = laws.axes
+    if is_near(laws, pair):
+        # one distance and one sum for what acts at contact and beyond
+        touch = touch_of_rows(shapes, axes, laws.body, pair, 0)
+        slope = slope_beyond(laws.effects, laws, pair, touch.rho)
+        _add(_with_slope(slope, touch, pull_of_touch(laws, pair, 0, touch)), pushing, axes, pair)
+    else:
+        relax_all(shapes, spring_columns(laws.friction, axes), laws.stretch_pk, pair.p)
+        touch = touch_of_rows(shapes, axes, laws.body, pair, 0)
+        _push_apart(slope_beyond(laws.effects, laws, pair, touch.rho), touch, pushing, axes, pair)
+
+
+def push_beyond(effects: Any, pushing: Pushing, laws: ContactLaws, pair: Pair) -> None:
+    """Add what the interactions of two shapes do to them, touching or not; nothing where a scene has none."""
+    raise NotImplementedError("pairs are visited in compiled loops")
+
+
+@inlined
+def _push_beyond(effects, pushing, laws, pair):
+    _, pull = pull_beyond(effects, laws, pair)
+    _add(pull, pushing, laws.axes, pair)
+
+
+@compiled_form(push_beyond, inline=True)
+def _choose_push_beyond(effects: Any, pushing: Any, laws: Any, pair: Any) -> Any:
+    return _push_beyond if has_interactions(effects) else lambda effects, pushing, laws, pair: None
+
+
+@inlined
+def _push_shapes(shapes, pushing, laws, pair):
+    push_beyond(laws.effects, pushing, laws, pair)
+    if not is_near(laws, pair):
+        relax_all(shapes, spring_columns(laws.friction, laws.axes), laws.stretch_pk, pair.p)
+        return
+    for k in range(touches_of(shapes, pair.i, pair.j)):
+        touch = touch_of_rows(shapes, laws.axes, laws.body, pair, k)
+        if touch.touching:
+            _add(pull_of_touch(laws, pair, k, touch), pushing, laws.axes, pair)
+        else:
+            relax(laws.friction, laws.axes, spring_of(laws, pair, k))
+
+
+_push_rows = by_type(_push_shapes, {type(None): _push_discs})
+
+
 @visit.form(Pushing)
 @inlined
 def _push(pushing, laws, pair, value):
-    axes, spins = laws.axes, pushing.spins
-    push, slot_qk, slot = pushing.push, pushing.slot_qk, pair.slot
+    slot_qk, slot = pushing.slot_qk, pair.slot
     if slot != NO_SLOT:
         # a slot is its pair's alone; as many as a force and torque: a loop of unknown length would become a call
-        for a in range(len(axes) + len(spins)):
+        for a in range(len(laws.axes) + len(pushing.spins)):
             slot_qk[slot, a] = 0.0
-    push_beyond(laws.effects, pushing, laws, pair)
-    if not is_near(laws, pair):
-        relax_all(laws.shapes, spring_columns(laws.friction, axes), laws.stretch_pk, pair.p)
-        return value
-    for k in range(touches_of(laws.shapes, pair.i, pair.j)):
-        touch = touch_of_rows(laws.shapes, axes, laws.body, pair, k)
-        if touch.touching:
-            pull = pull_of_touch(laws, pair, k, touch)
-            add_force(axes, spins, push, pair.i, pull)
-            if slot == NO_SLOT:
-                add_reaction(axes, spins, push, pair.j, pull)
-            else:
-                add_reaction(axes, spins, slot_qk, slot, pull)
-        else:
-            relax(laws.friction, axes, spring_of(laws, pair, k))
+    _push_rows(laws.shapes, pushing, laws, pair)
     return value
 
 
