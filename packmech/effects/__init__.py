@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from packmech.effects.body import (
+    PER_KIND,
     ROUGHNESS,
     SIDES,
     SIGNED,
     BackgroundDamping,
     Gravity,
+    KindWalls,
     Walls,
     body_energy,
     body_force,
@@ -62,7 +64,7 @@ from packmech.effects.interaction import (
     remembered_energy,
     remembers,
 )
-from packmech.effects.kinds import ByKind, LawByKind, kinds_matter
+from packmech.effects.kinds import ByKind, LawByKind, LawPerKind, PerKind, kinds_by_rows, kinds_matter
 from packmech.effects.langevin import Langevin, langevin_of
 from packmech.effects.laws import (
     ElasticSpheres,
@@ -136,6 +138,7 @@ from packmech.effects.single import (
     refuse_unknown_to_shapes,
     shaped_terms,
     single_effects,
+    single_rows,
     single_terms,
     total_push,
     wall_sides,
@@ -145,7 +148,12 @@ from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 __all__ = [
     "BY_KIND",
     "ByKind",
+    "KindWalls",
     "LawByKind",
+    "LawPerKind",
+    "PER_KIND",
+    "PerKind",
+    "kinds_by_rows",
     "kinds_matter",
     "BREAKING_MODES",
     "BackgroundDamping",
@@ -275,6 +283,7 @@ __all__ = [
     "roughness_of",
     "shaped_terms",
     "single_effects",
+    "single_rows",
     "single_terms",
     "spin_drag",
     "springs_of",
