@@ -178,7 +178,8 @@ class Walls(NamedTuple):
     low, high
         Places of the two walls [length].
     law
-        What pushes at an overlap with the image, or `LawPerKind`.
+        What pushes at an overlap with the image, or `LawPerKind`, in scene files
+        { kind = "law-per-kind", laws = [{ ... }, { ... }] }.
     damping
         Coefficient of a dashpot [mass/time], or `PerKind`, or a dashpot such as `Restitution`.
     friction
