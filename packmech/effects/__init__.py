@@ -22,6 +22,7 @@ from packmech.effects.body import (
     spin_drag,
     visited_walls,
     wall_columns,
+    walls_met,
 )
 from packmech.effects.bonds import (
     BREAKING_MODES,
@@ -293,6 +294,7 @@ __all__ = [
     "visited_walls",
     "wall_columns",
     "wall_sides",
+    "walls_met",
 ]
 
 # fields that may differ by the kinds of the particles that touch

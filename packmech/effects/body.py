@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction, Mindlin, at_contact
-from packmech.effects.kinds import PerKind, at_kind, largest_number, rows_in
+from packmech.effects.kinds import PerKind, at_kind, kinds_by_rows, largest_number, rows_in
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
 from packmech.effects.pair import TouchingPair, effect, hook_of, pair_damping
 from packmech.effects.partners import equal_partners
@@ -315,18 +315,15 @@ class Walls(NamedTuple):
         return 0.0, 0.0, second, 0.0, 0.0, 0.0
 
     def body_stiffness(self, radius: float, overlap: float = 1e-6) -> float:
-        """Return the stiffness at a relative overlap, the largest of all kinds of particles [energy/length^2]."""
-        image = equal_partners(2.0 * radius)
-        return 2.0 * max(abs(law_second(one.law, 2.0 * radius * (1.0 - overlap), image)) for one in self.of_kinds)
+        """Return the stiffness at a relative overlap [energy/length^2]."""
+        return 2.0 * abs(law_second(self.law, 2.0 * radius * (1.0 - overlap), equal_partners(2.0 * radius)))
 
     def resistances(self, radii: Iterable[float], mass: float) -> list[Any]:
         """Return what acts across contacts of particles of these radii: friction, what resists rolling and twisting.
 
         What follows from the contact, a friction's spring and dashpot or `ViscousRolling`, for each radius, barely
-        touching and pressed deep; rolling as of `at_normal_force`. For each kind of particles, where walls differ.
+        touching and pressed deep; rolling as of `at_normal_force`.
         """
-        if rows_in(self):
-            return [each for one in self.of_kinds for each in one.resistances(radii, mass)]
         there = [(radius, overlap) for radius in radii for overlap in (_BARELY, _OVERLAP)]
         found: list[Any] = []
         for one in resistances(self.roughness):
@@ -350,12 +347,7 @@ class Walls(NamedTuple):
         return abs(law_first(self.law, 2.0 * radius * (1.0 - overlap), equal_partners(2.0 * radius)))
 
     def body_damping(self, radius: float, mass: float, overlap: float = 0.1) -> float:
-        """Return the coefficient of the dashpot of a particle and its image, at a relative overlap [mass/time].
-
-        The largest of all kinds of particles, where walls differ.
-        """
-        if rows_in(self):
-            return max(one.body_damping(radius, mass, overlap) for one in self.of_kinds)
+        """Return the coefficient of the dashpot of a particle and its image, at a relative overlap [mass/time]."""
         image = equal_partners(2.0 * radius)
         distance = (1.0 - overlap) * image.contact_distance
         energy, first, second = (part(self.law, distance, image) for part in (law_energy, law_first, law_second))
@@ -372,6 +364,13 @@ class KindWalls(NamedTuple):
     walls: Any
     roughs: Any
     kind_n: NDArray[np.int64]
+
+
+def walls_met(wall: Walls, packing: Packing) -> tuple[Walls, ...]:
+    """Return walls as particles of each kind that a packing has meet them; themselves alone without rows by kinds."""
+    if not rows_in(wall):
+        return (wall,)
+    return tuple(wall.of(kind) for kind in np.unique(kinds_by_rows(packing)).tolist())
 
 
 def walls_by_rows(wall: Walls, kind_n: NDArray[np.int64]) -> Walls | KindWalls:

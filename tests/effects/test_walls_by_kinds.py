@@ -123,6 +123,8 @@ def test_the_time_step_is_that_of_the_stiffest_kind():
         for wall in (scene.effects[1], scene.effects[1].of(0), scene.effects[1].of(1))
     )
     assert dt == hard < 0.1 * soft
+    # of the kinds that there are
+    assert choose_time_step(scene.replace(packing=BOTH.replace(kind_n=[0, 0])), 0.1) == soft
 
 
 def packed(coefficient=(1e6, 2e6)):
