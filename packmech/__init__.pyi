@@ -75,6 +75,8 @@ from packmech.effects.materials import Material as Material
 from packmech.effects.materials import Materials as Materials
 from packmech.effects import ByKind as ByKind
 from packmech.effects import LawByKind as LawByKind
+from packmech.effects import LawPerKind as LawPerKind
+from packmech.effects import PerKind as PerKind
 from packmech.effects import ConstantRolling as ConstantRolling
 from packmech.effects import RollingResistance as RollingResistance
 from packmech.effects import TwistingResistance as TwistingResistance

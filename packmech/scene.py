@@ -41,7 +41,7 @@ from packmech.effects import (
     refuse_walls,
     registered_effects,
 )
-from packmech.effects.kinds import ByKind, LawByKind, refuse_missing_kinds
+from packmech.effects.kinds import ByKind, LawByKind, LawPerKind, PerKind, refuse_missing_kinds, rows_in
 from packmech.files.records import is_record, kind_of
 from packmech.packing import Packing
 
@@ -647,7 +647,15 @@ class CreepDrive:
 
 
 def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
+    if isinstance(record, Walls) and rows_in(record):
+        if fault := record.fault():
+            raise ValueError(f"{where}.{fault}")
+        for one in record.of_kinds:
+            _check_numbers(where, one)
+        return
     for name, value in zip(record._fields, record, strict=True):
+        if isinstance(value, PerKind | LawPerKind):
+            raise TypeError(f"{where}.{name} must not be {type(value).__name__}, which walls alone take, got {value!r}")
         if isinstance(value, ByKind):
             _check_table(where, record, name, value)
             # with each number of the table the record was checked

@@ -42,7 +42,7 @@ COLUMNS = {
     "breaking": "bonds that break: Bonds with breaks_at",
     "memory": "interactions that remember, such as JKR",
     "rough": "Walls with friction, or on which particles roll or spin with resistance",
-    "kinds": "laws and numbers that differ by kinds of particles: LawByKind, ByKind",
+    "kinds": "laws and numbers that differ by kinds of particles: LawByKind, ByKind; of walls LawPerKind, PerKind",
     "moving": "Walls that move, or hold a stress: WallMotion",
     "mesh": "walls of triangles: MeshWalls",
 }

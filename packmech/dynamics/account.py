@@ -75,6 +75,7 @@ from packmech.dynamics.wall_friction import (
 )
 from packmech.effects import (
     ConstantRolling,
+    KindWalls,
     MeshRows,
     Mindlin,
     RoughContacts,
@@ -681,12 +682,12 @@ def _set_still(still_nk, body, i):
 def _account_single(one, visiting, laws, state, shapes, i):
     axes, body, account, kicks = laws.axes, laws.body, visiting.account, visiting.kicks
     d, mass = len(axes), state.mass_n[i]
-    whole = push_on_row(shapes, one, axes, body, i, mass)
-    still = push_on_row(shapes, one, axes, account.still_nk, i, mass)
+    whole = push_on_row(one, shapes, axes, body, i, mass)
+    still = push_on_row(one, shapes, axes, account.still_nk, i, mass)
     x, y, z = with_flow(laws.rates, 0.0, 0.0, 0.0, body[i, 0], body[i, 1], body[i, 2] if d == 3 else 0.0)
     carried = still[0] * x + still[1] * y + still[2] * z
     late, early = _given(account, kicks, axes, i, still)
-    _book(one, visiting, late, early, kicks, carried, energy_of_row(shapes, one, body, i, mass))
+    _book(one, visiting, late, early, kicks, carried, energy_of_row(one, shapes, body, i, mass))
     whole_late, whole_early = _given(account, kicks, axes, i, whole)
     _resist(one, visiting, late - whole_late, early - whole_early)
     drag, inverse = spin_drag(one), state.weight_nk[i, 1]
@@ -749,10 +750,11 @@ def _book(one: Any, visiting: Any, late: float, early: float, kicks: Any, carrie
 
 @compiled_form(_book, inline=True)
 def _choose_book(one: Any, visiting: Any, late: Any, early: Any, kicks: Any, carried: Any, energy: Any) -> Any:
-    return _book_energy if hasattr(one.instance_class, "body_energy") else _book_pushing
+    cls = one.instance_class
+    return _book_energy if cls is KindWalls or hasattr(cls, "body_energy") else _book_pushing
 
 
-_channel = by_type(lambda one: BODIES, {Walls: lambda one: WALLS, MeshRows: lambda one: WALLS})
+_channel = by_type(lambda one: BODIES, dict.fromkeys((Walls, KindWalls, MeshRows), lambda one: WALLS))
 
 
 # books what of a force goes with the velocity
@@ -766,7 +768,7 @@ def _resist_by_wall(one, visiting, late, early):
     _add(visiting, WALL_DASHPOTS, late, early)
 
 
-_resist = by_type(_resist_by_drag, {Walls: _resist_by_wall, MeshRows: _resist_by_wall})
+_resist = by_type(_resist_by_drag, dict.fromkeys((Walls, KindWalls, MeshRows), _resist_by_wall))
 _account_bodies = by_type(
     _account_singles, {type(None): lambda bodies, account, kicks, laws, state, shapes, low, high, b: None}
 )
@@ -787,7 +789,7 @@ def _account_moving(one, visiting, axes, state, i, touch, spring, laws):
     late, early = _taken(visiting, laws, pair, (touch.x, touch.y, touch.z), _NOTHING, _NOTHING)
     _add(visiting, WALLS, elastic * late, elastic * early)
     _add(visiting, WALL_DASHPOTS, damped * late, damped * early)
-    _store(visiting, WALLS, energy_of_push(one, touch))
+    _store(visiting, WALLS, energy_of_push(one, i, touch))
     _compare_left(visiting, pair, elastic * late, elastic * early)
     return damped * (late + early) + _account_at_face(
         one.rough, one, visiting, axes, state, i, touch, spring, laws, row

@@ -82,6 +82,7 @@ from packmech.effects import (
     held_velocity,
     in_loops,
     is_interaction,
+    kinds_by_rows,
     langevin_of,
     memory_columns,
     reach_beyond_contact,
@@ -937,19 +938,18 @@ def build_engine(
             "scene.effects must hold no Walls that move where the box deforms, got "
             f"{moving[0].low_motion!r} and {moving[0].high_motion!r}"
         )
-    # walls that move push rows where these are walked past walls
-    bodies = tuple(in_loops(one) for one in scene.effects if hasattr(type(one), "body_force") and one not in moving)
     friction, bonds = roughness_of(scene.effects), bonds_of(scene.effects)
     langevin = _bath_of(scene, second_order)
     shapes, memory = packing.shapes, memory_columns(scene.effects)
-    row_b = blocks_of(packing.particles)
-    walls = make_visited_walls(
-        visited_walls(scene.effects), packing.box, packing.particles, tuple(range(d)), len(row_b) - 1
-    )
+    row_b, order = blocks_of(packing.particles), space_order(packing)
+    kind_n = kinds_by_rows(packing, order)
+    # walls that move push rows where these are walked past walls
+    acting = [one for one in scene.effects if hasattr(type(one), "body_force") and one not in moving]
+    bodies = tuple(in_loops(one, kind_n) for one in acting)
+    walls = make_visited_walls(visited_walls(scene.effects), packing.box, kind_n, tuple(range(d)), len(row_b) - 1)
     turns = bool(friction is not None or bonds is not None or shapes.has_orientations or rough_walls(scene.effects))
     spins = 0 if not turns else 1 if d == 2 else 3
     lead = leading_share(scene, dt, float(mass_n.min())) if second_order else 0.0
-    order = space_order(packing)
     n = packing.particles
     body = aligned_rows(n, 4 + d + spins)
     body[:, 3] = shapes.reach(packing.radius_n)[order]

@@ -36,6 +36,7 @@ from packmech.effects import (
     resistances,
     rough_walls,
     roughness_of,
+    walls_met,
 )
 from packmech.effects.kinds import bounding_partners
 from packmech.effects.pair import TouchingPair, at_overlap, hook_of
@@ -427,7 +428,8 @@ def resistances_at_walls(scene: Scene, smallest_mass: float) -> list[Any]:
     """Return what acts across contacts of the smallest and of the largest particles with rough walls."""
     radius_n = scene.packing.radius_n
     radii = float(radius_n.min()), float(radius_n.max())
-    return [each for one in rough_walls(scene.effects) for each in one.resistances(radii, smallest_mass)]
+    met = [wall for one in rough_walls(scene.effects) for wall in walls_met(one, scene.packing)]
+    return [each for wall in met for each in wall.resistances(radii, smallest_mass)]
 
 
 def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:

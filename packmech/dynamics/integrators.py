@@ -30,6 +30,7 @@ from packmech.effects import (
     remembered,
     remembered_energy,
     remembers,
+    walls_met,
 )
 from packmech.effects.derivatives import may_jump
 from packmech.effects.interaction import reach_of
@@ -189,14 +190,14 @@ def stiffness_and_damping(scene: Scene) -> tuple[float, float, float]:
             stiff.append(turned * one.tangential_stiffness)
             damped += [one.damping, turned * one.tangential_damping]
         elif isinstance(one, Walls | MeshWalls):
-            wall = one.flat if isinstance(one, MeshWalls) else one
-            # barely touching and pressed deep, as contacts are looked up
-            for overlap in (_BARELY, _OVERLAPS[-1]):
-                stiff += [0.5 * steep * wall.body_stiffness(0.5 * sigma, overlap) for sigma in sizes]
-            damped += [steep * wall.body_damping(0.5 * sigma, smallest) for sigma in sizes]
-            across = wall.resistances([0.5 * sigma for sigma in sizes], smallest)
-            stiff += [0.5 * turned * each.stiffness for each in across]
-            damped += [0.5 * turned * each.damping for each in across]
+            for wall in walls_met(one.flat if isinstance(one, MeshWalls) else one, packing):
+                # barely touching and pressed deep, as contacts are looked up
+                for overlap in (_BARELY, _OVERLAPS[-1]):
+                    stiff += [0.5 * steep * wall.body_stiffness(0.5 * sigma, overlap) for sigma in sizes]
+                damped += [steep * wall.body_damping(0.5 * sigma, smallest) for sigma in sizes]
+                across = wall.resistances([0.5 * sigma for sigma in sizes], smallest)
+                stiff += [0.5 * turned * each.stiffness for each in across]
+                damped += [0.5 * turned * each.damping for each in across]
         elif isinstance(one, Langevin):
             drag += one.rate
         elif hasattr(type(one), "body_force"):
@@ -249,10 +250,12 @@ def _rate_of_pistons(scene: Scene) -> float:
         for motion in (one.low_motion, one.high_motion) if isinstance(one, Walls) and one.moves else ():
             area = face_area(packing.box, int(one.axis))
             number = min(packing.particles, math.ceil(area / section))
-            across = one.resistances([radius], float(packing.mass_n.min()))
+            met = walls_met(one, packing)
+            across = [each for wall in met for each in wall.resistances([radius], float(packing.mass_n.min()))]
             for a, along in enumerate(moved_along(motion)):
                 if isinstance(along, HeldStress):
-                    stiff = [one.body_stiffness(radius, _OVERLAPS[-1])] if a == int(one.axis) else [0.0]
+                    deep = [wall.body_stiffness(radius, _OVERLAPS[-1]) for wall in met]
+                    stiff = deep if a == int(one.axis) else [0.0]
                     stiff += [] if a == int(one.axis) else [each.stiffness for each in across]
                     mass = along.inertia * area
                     fastest = max(fastest, math.sqrt(number * max(stiff) / mass), along.damping / along.inertia)

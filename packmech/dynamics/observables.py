@@ -80,7 +80,7 @@ def energy_of_bodies(shapes, bodies, body, mass_n):
     if bodies is not None:
         for i in range(body.shape[0]):
             for one in literal_unroll(bodies):
-                energy += energy_of_row(shapes, one, body, i, mass_n[i])
+                energy += energy_of_row(one, shapes, body, i, mass_n[i])
     return energy
 
 

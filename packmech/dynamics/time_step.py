@@ -280,7 +280,7 @@ def body_forces(shapes, bodies, axes, state, rates, rows):
         drag = 0.0
         tx = ty = tz = 0.0
         for one in literal_unroll(bodies):
-            x, y, z, turn_x, turn_y, turn_z = push_on_row(shapes, one, axes, body, i, state.mass_n[i])
+            x, y, z, turn_x, turn_y, turn_z = push_on_row(one, shapes, axes, body, i, state.mass_n[i])
             fx += x
             fy += y
             fz += z

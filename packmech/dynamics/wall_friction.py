@@ -35,6 +35,7 @@ from packmech.effects import (
     ConstantRolling,
     DampingRatio,
     Friction,
+    KindWalls,
     Mindlin,
     RoughContacts,
     ViscousRolling,
@@ -44,7 +45,7 @@ from packmech.effects import (
     law_first,
     law_second,
 )
-from packmech.effects.body import dashpot_of
+from packmech.effects.body import dashpot_of, walls_by_rows
 from packmech.effects.friction import mindlin_stiffness
 from packmech.effects.pair import TouchingPair
 from packmech.effects.partners import equal_partners
@@ -55,14 +56,14 @@ from packmech.jit.compiled import inlined, lean
 class RoughWall(NamedTuple):
     """Walls that stand still, and what acts across contacts: friction, with what resists rolling and twisting."""
 
-    wall: Walls
+    wall: Walls | KindWalls
     rough: Any
 
 
 class MovingWall(NamedTuple):
     """Walls that move, what acts across contacts with them (None where they are smooth), and which faces they are."""
 
-    wall: Walls
+    wall: Walls | KindWalls
     rough: Any
     faces: Any
     first: int
@@ -104,19 +105,22 @@ class MovingTouch(NamedTuple):
 
 
 def make_visited_walls(
-    walls: tuple[Walls, ...], box: Box, rows: int, axes: tuple[int, ...], blocks: int
+    walls: tuple[Walls, ...], box: Box, kind_n: NDArray[np.int64], axes: tuple[int, ...], blocks: int
 ) -> VisitedWalls | None:
-    """Return rough walls and walls that move, with slack springs; None where there are none."""
+    """Return rough walls and walls that move, for rows of (N,) kinds, with slack springs; None where there are none."""
     faces, first = make_faces(walls, box, blocks), 0
     found: list[MovingWall | RoughWall] = []
     for one in walls:
+        wall = walls_by_rows(one.still, kind_n)
+        # of walls that differ by kinds the first one's says which springs there are
+        rough = wall.roughs[0] if isinstance(wall, KindWalls) else one.roughness
         if one.moves:
-            found.append(MovingWall(one.still, one.roughness, faces, first))
+            found.append(MovingWall(wall, rough, faces, first))
             first += SIDES
         else:
-            found.append(RoughWall(one, one.roughness))
+            found.append(RoughWall(wall, rough))
     columns = sum(SIDES * len(spring_columns(one.rough, axes)) for one in found)
-    return VisitedWalls(tuple(found), np.zeros((rows, columns)), faces) if found else None
+    return VisitedWalls(tuple(found), np.zeros((len(kind_n), columns)), faces) if found else None
 
 
 @inlined
@@ -125,8 +129,34 @@ def _unit(axis, sign):
 
 
 @inlined
+def _same_wall(wall, rough, i):
+    return wall
+
+
+@inlined
+def _wall_of_kind(wall, rough, i):
+    return wall.walls[wall.kind_n[i]]
+
+
+@inlined
+def _same_rough(wall, rough, i):
+    return rough
+
+
+@inlined
+def _rough_of_kind(wall, rough, i):
+    return wall.roughs[wall.kind_n[i]]
+
+
+# the walls as a row meets them, and what acts across contacts with them: (walls, rough, row)
+_wall_at = by_type(_same_wall, {KindWalls: _wall_of_kind})
+_rough_at = by_type(_same_rough, {KindWalls: _rough_of_kind})
+
+
+@inlined
 def _touch_still(one, body, i, side):
-    wall, axis = one.wall, int(one.wall.axis)
+    wall = _wall_at(one.wall, one.rough, i)
+    axis = int(wall.axis)
     x, y, z = _unit(axis, -1.0 if side == 0 else 1.0)
     distance = body[i, axis] - wall.low if side == 0 else wall.high - body[i, axis]
     return WallTouch(x, y, z, 2.0 * distance, 2.0 * body[i, 3])
@@ -134,7 +164,7 @@ def _touch_still(one, body, i, side):
 
 @inlined
 def _touch_moving(one, body, i, side):
-    number_fk, axis, face = one.faces.number_fk, int(one.wall.axis), one.first + side
+    number_fk, axis, face = one.faces.number_fk, int(_wall_at(one.wall, one.rough, i).axis), one.first + side
     x, y, z = _unit(axis, -1.0 if side == 0 else 1.0)
     distance = body[i, axis] - number_fk[face, PLACE] if side == 0 else number_fk[face, PLACE] - body[i, axis]
     u, v, w = number_fk[face, VELOCITY], number_fk[face, VELOCITY + 1], number_fk[face, VELOCITY + 2]
@@ -169,8 +199,9 @@ def _rate_of(touch, u):
 def normal_at_moving_wall(one, axes, state, i, touch):
     """Return the derivative of the law at a contact with a wall that moves, and that with the dashpot's force."""
     rate, sigma = _rate_of(touch, _velocity_to(touch, axes, state.body, i)), touch.sigma
-    whole = first_on_wall(one.wall, touch.rho, sigma, rate, 0.5 * state.mass_n[i])
-    return law_first(one.wall.law, touch.rho, equal_partners(sigma)), whole
+    wall = _wall_at(one.wall, one.rough, i)
+    whole = first_on_wall(wall, touch.rho, sigma, rate, 0.5 * state.mass_n[i])
+    return law_first(wall.law, touch.rho, equal_partners(sigma)), whole
 
 
 @inlined
@@ -230,7 +261,7 @@ _turns_at_wall = by_type(_no_turns, {RoughContacts: _turns})
 @inlined
 def slipping_at_wall(one, axes, state, i, touch):
     """Return how a row that touches a wall slips on it, and the normal force."""
-    body, wall, rough = state.body, one.wall, one.rough
+    body, wall, rough = state.body, _wall_at(one.wall, one.rough, i), _rough_at(one.wall, one.rough, i)
     u = _velocity_to(touch, axes, body, i)
     rate = _rate_of(touch, u)
     here = _friction_here(rough, wall, touch, rate, 0.5 * state.mass_n[i])
@@ -247,7 +278,8 @@ def slipping_at_wall(one, axes, state, i, touch):
 def _pull(one, axes, state, i, touch, spring, pace):
     """Return what a wall does across to a row that touches it; its push is left out, but as the normal force."""
     (here, slip, turns), normal = slipping_at_wall(one, axes, state, i, touch)
-    across, turning, on_i, on_j = resist(one.rough, axes, here, slip, turns, spring, normal, pace)
+    rough = _rough_at(one.wall, one.rough, i)
+    across, turning, on_i, on_j = resist(rough, axes, here, slip, turns, spring, normal, pace)
     return here, Pull(across.fx, across.fy, across.fz, on_i, on_j, normal, across, turning)
 
 
@@ -410,13 +442,13 @@ class _SummingPushes(NamedTuple):
 
 
 @inlined
-def _no_push_energy(one, touch):
+def _no_push_energy(one, i, touch):
     return 0.0
 
 
 @inlined
-def _push_energy(one, touch):
-    return 0.5 * law_energy(one.wall.law, touch.rho, equal_partners(touch.sigma))
+def _push_energy(one, i, touch):
+    return 0.5 * law_energy(_wall_at(one.wall, one.rough, i).law, touch.rho, equal_partners(touch.sigma))
 
 
 # the energy of the push of a wall that moves; that of others is counted where single particles are
@@ -426,7 +458,7 @@ energy_of_push = by_type(_no_push_energy, {MovingWall: _push_energy})
 @visit_wall.form(_SummingPushes)
 @inlined
 def _sum_push(summing, one, axes, state, i, touch, spring, value):
-    return value + energy_of_push(one, touch) if touch.rho < touch.sigma else value
+    return value + energy_of_push(one, i, touch) if touch.rho < touch.sigma else value
 
 
 @inlined

@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from packmech.effects.body import (
+    PER_KIND,
     ROUGHNESS,
     SIDES,
     SIGNED,
     BackgroundDamping,
     Gravity,
+    KindWalls,
     Walls,
     body_energy,
     body_force,
@@ -20,6 +22,7 @@ from packmech.effects.body import (
     spin_drag,
     visited_walls,
     wall_columns,
+    walls_met,
 )
 from packmech.effects.bonds import (
     BREAKING_MODES,
@@ -62,7 +65,7 @@ from packmech.effects.interaction import (
     remembered_energy,
     remembers,
 )
-from packmech.effects.kinds import ByKind, LawByKind, kinds_matter
+from packmech.effects.kinds import ByKind, LawByKind, LawPerKind, PerKind, kinds_by_rows, kinds_matter
 from packmech.effects.langevin import Langevin, langevin_of
 from packmech.effects.laws import (
     ElasticSpheres,
@@ -136,6 +139,7 @@ from packmech.effects.single import (
     refuse_unknown_to_shapes,
     shaped_terms,
     single_effects,
+    single_rows,
     single_terms,
     total_push,
     wall_sides,
@@ -145,7 +149,12 @@ from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 __all__ = [
     "BY_KIND",
     "ByKind",
+    "KindWalls",
     "LawByKind",
+    "LawPerKind",
+    "PER_KIND",
+    "PerKind",
+    "kinds_by_rows",
     "kinds_matter",
     "BREAKING_MODES",
     "BackgroundDamping",
@@ -275,6 +284,7 @@ __all__ = [
     "roughness_of",
     "shaped_terms",
     "single_effects",
+    "single_rows",
     "single_terms",
     "spin_drag",
     "springs_of",
@@ -284,6 +294,7 @@ __all__ = [
     "visited_walls",
     "wall_columns",
     "wall_sides",
+    "walls_met",
 ]
 
 # fields that may differ by the kinds of the particles that touch

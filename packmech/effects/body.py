@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import types
+from numpy.typing import NDArray
 
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction, Mindlin, at_contact
+from packmech.effects.kinds import PerKind, at_kind, kinds_by_rows, largest_number, rows_in
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
 from packmech.effects.pair import TouchingPair, effect, hook_of, pair_damping
 from packmech.effects.partners import equal_partners
@@ -36,6 +39,15 @@ ROUGHNESS: dict[str, tuple[type, ...]] = {
     "rolling": (RollingResistance, ConstantRolling, ViscousRolling),
     "twisting": (TwistingResistance,),
 }
+# what may differ by the kind of the particle that touches walls
+PER_KIND = (
+    "law",
+    "damping",
+    "damping.coefficient",
+    "damping.time",
+    "friction.coefficient",
+    "friction.stiffness.poisson_ratio",
+)
 # relative overlaps at which what walls do is looked up
 _BARELY, _OVERLAP = 1e-9, 0.1
 
@@ -147,6 +159,9 @@ class Walls(NamedTuple):
     2 c of its dashpot at the particle's speed. A scene whose contacts have friction, or resist rolling, must say what
     its walls do: Friction(0.0) makes them smooth. Rough walls touch discs and spheres, in a box that does not deform.
 
+    What walls do may differ by the kind of the particle that touches them (`Packing.kind_n`): the law by `LawPerKind`,
+    numbers of damping and friction by `PerKind`. `of(kind)` returns the walls as particles of one kind meet them.
+
     Walls stand still, but for faces that are given a motion: with a velocity, or a stress that they hold
     (`WallMotion`). `pm.simulate` moves them, in a box that does not deform, and discs or spheres between them, and ends
     before they meet; calls of what is at rest refuse them. The box goes on behind the walls: it must be longer than
@@ -163,9 +178,10 @@ class Walls(NamedTuple):
     low, high
         Places of the two walls [length].
     law
-        What pushes at an overlap with the image.
+        What pushes at an overlap with the image, or `LawPerKind`, in scene files
+        { kind = "law-per-kind", laws = [{ ... }, { ... }] }.
     damping
-        Coefficient of a dashpot [mass/time], or one such as `Restitution`.
+        Coefficient of a dashpot [mass/time], or `PerKind`, or a dashpot such as `Restitution`.
     friction
         `Friction` of the walls, in scene files { kind = "friction", coefficient = 0.3 }; none unless given.
     rolling, twisting
@@ -181,7 +197,7 @@ class Walls(NamedTuple):
     low: float = 0.0
     high: float = 1.0
     law: Law = LinearSpring()
-    damping: float | ContactDamping | Restitution | ViscoelasticDamping = 0.0
+    damping: float | PerKind | ContactDamping | Restitution | ViscoelasticDamping = 0.0
     friction: Friction | None = None
     rolling: Rolling | None = None
     twisting: TwistingResistance | None = None
@@ -193,7 +209,8 @@ class Walls(NamedTuple):
     @property
     def acts_also(self) -> tuple[str, ...]:
         """Columns of the table of effects beside "walls"."""
-        return (*(() if self.roughness is None else ("rough",)), *(("moving",) if self.moves else ()))
+        there = {"rough": self.roughness is not None, "moving": self.moves, "kinds": bool(rows_in(self))}
+        return tuple(column for column, acts in there.items() if acts)
 
     @property
     def moves(self) -> bool:
@@ -209,10 +226,28 @@ class Walls(NamedTuple):
     def roughness(self) -> Friction | RoughContacts | None:
         """What acts across contacts with the walls; None where they are smooth."""
         found = roughness_of(tuple(one for one in (self.friction, self.rolling, self.twisting) if one is not None))
-        return None if isinstance(found, Friction) and not found.coefficient else found
+        return None if isinstance(found, Friction) and not largest_number(found.coefficient) else found
+
+    def of(self, kind: int) -> Walls:
+        """Return the walls as particles of a kind meet them; the same for all where nothing differs by kinds."""
+        found: Walls = at_kind(self, kind)
+        return found
+
+    @property
+    def of_kinds(self) -> tuple[Walls, ...]:
+        """The walls as particles of each kind meet them; themselves alone where nothing differs by kinds."""
+        rows = rows_in(self)
+        return tuple(self.of(kind) for kind in range(len(rows[0][1]))) if rows else (self,)
 
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
+        rows = rows_in(self)
+        for name, row in rows:
+            if name not in PER_KIND:
+                known = ", ".join(PER_KIND)
+                return f"{name} must be the same for all kinds of particles (only {known} may differ), got {row}"
+            if len(row) != len(rows[0][1]):
+                return f"{name} must be for as many kinds as {rows[0][0]}, {len(rows[0][1])}, got {len(row)}"
         if self.axis not in (0.0, 1.0, 2.0):
             return f"axis must be 0, 1 or 2, got {self.axis!r}"
         for name, kinds in ROUGHNESS.items():
@@ -318,6 +353,34 @@ class Walls(NamedTuple):
         energy, first, second = (part(self.law, distance, image) for part in (law_energy, law_first, law_second))
         pair = TouchingPair(distance, 2.0 * radius, 0.0, energy, first, second, 0.5 * mass, image.effective_radius)
         return dashpot_of(self.damping, pair)
+
+
+class KindWalls(NamedTuple):
+    """Walls that differ by kinds of particles, as loops over these know them: those of each kind, and kinds by rows.
+
+    roughs are what acts across contacts with each, of one class; Nones where the walls are smooth.
+    """
+
+    walls: Any
+    roughs: Any
+    kind_n: NDArray[np.int64]
+
+
+def walls_met(wall: Walls, packing: Packing) -> tuple[Walls, ...]:
+    """Return walls as particles of each kind that a packing has meet them; themselves alone without rows by kinds."""
+    if not rows_in(wall):
+        return (wall,)
+    return tuple(wall.of(kind) for kind in np.unique(kinds_by_rows(packing)).tolist())
+
+
+def walls_by_rows(wall: Walls, kind_n: NDArray[np.int64]) -> Walls | KindWalls:
+    """Return walls as loops over particles of (N,) kinds, in their order, know them; themselves without rows."""
+    if not rows_in(wall):
+        return wall
+    of_kinds, rough = wall.of_kinds, wall.roughness
+    frictions: list[Any] = [None if rough is None else one.friction or Friction(0.0) for one in of_kinds]
+    roughs = [rough._replace(friction=one) if isinstance(rough, RoughContacts) else one for one in frictions]
+    return KindWalls(of_kinds, tuple(roughs), kind_n)
 
 
 def rough_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:

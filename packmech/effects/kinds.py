@@ -1,7 +1,8 @@
-"""Laws and numbers that differ by the kinds of the particles that touch: tables over pairs of kinds.
+"""Laws and numbers that differ by the kinds of the particles that touch: tables over pairs of kinds, rows for walls.
 
 A table is a tuple with one entry for each pair of kinds, in the order of `pair_of_kinds`. What looks numbers up is
-chosen by type, so that scenes without tables hold no code for them.
+chosen by type, so that scenes without tables hold no code for them. A row is a tuple with one entry for each kind: what
+walls do to particles of it. Loops know walls as one kind meets them, without rows.
 """
 
 from __future__ import annotations
@@ -197,11 +198,160 @@ class LawByKind(_LawByKind):
         return law_second(self.laws[partners.kinds], distance, partners)
 
 
+class _PerKind(NamedTuple):
+    values: tuple[Any, ...]
+
+
+class PerKind(_PerKind):
+    """A number of walls that differs by the kind of the particle that touches them (`Packing.kind_n`).
+
+    In `Walls` it may stand for `damping`, for the `coefficient` of a dashpot or of `friction`, for the `time` of
+    `ViscoelasticDamping`, and for `Mindlin.poisson_ratio`; in scene files as a table ``{ values = [0.5, 0.1] }``, which
+    names its kind, "per-kind", where it stands for `damping`.
+
+    Its numbers are checked when a `Scene` is made with it.
+
+    Parameters
+    ----------
+    values
+        A number for each kind of particles, in their order.
+
+    Raises
+    ------
+    TypeError
+        If it is no such row.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> floor = pm.Walls(1, 0.0, 9.0, damping=pm.Restitution(pm.PerKind([0.9, 0.4])))
+    >>> floor.of(1).damping
+    Restitution(coefficient=0.4)
+
+    """
+
+    table_of_kinds = True
+
+    def __new__(cls, values: Any) -> PerKind:
+        """Return the record of the row."""
+        row = _row("values", values, words="numbers")
+        for one in row:
+            if isinstance(one, bool) or not isinstance(one, int | float | np.number):
+                raise TypeError(f"values must be numbers, one for each kind of particles, got {one!r}")
+        return super().__new__(cls, row)
+
+    def of(self, kind: int) -> float:
+        """Return the number of a kind."""
+        return float(self.values[_checked_kind(kind, len(self.values))])
+
+
+class _LawPerKind(NamedTuple):
+    # a tuple of laws; files look for records in a field of this annotation
+    laws: Any
+
+
+class LawPerKind(_LawPerKind):
+    """A law of walls that has other numbers for each kind of particles (`Packing.kind_n`): `Walls.law`.
+
+    Its numbers are checked when a `Scene` is made with it.
+
+    Parameters
+    ----------
+    laws
+        Laws of one class, one for each kind of particles, in their order.
+
+    Raises
+    ------
+    TypeError
+        If it is no such row, or its laws are of several classes.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> floor = pm.Walls(1, 0.0, 9.0, pm.LawPerKind([pm.Harmonic(1.0), pm.Harmonic(3.0)]))
+    >>> pair = pm.Packing([[1.0, 0.4], [3.0, 0.4]], [0.5, 0.5], pm.Box.cubic(10.0, 2), kind_n=[0, 1])
+    >>> pm.forces(pm.Scene(pair, (floor,))).round(12).tolist()
+    [[0.0, 0.2], [0.0, 0.6]]
+
+    """
+
+    table_of_kinds = True
+
+    def __new__(cls, laws: Any) -> LawPerKind:
+        """Return the record of the row."""
+        row = _row("laws", laws, words="laws")
+        for one in row:
+            if not is_law(one) or isinstance(one, LawByKind):
+                raise TypeError(f"laws must be laws such as Harmonic(...), got {one!r}")
+            if type(one) is not type(row[0]):
+                raise TypeError(f"laws must be of one class, {written_name(type(row[0]))}, got {one!r}")
+        return super().__new__(cls, row)
+
+    def of(self, kind: int) -> Law:
+        """Return the law of a kind."""
+        found: Law = self.laws[_checked_kind(kind, len(self.laws))]
+        return found
+
+    def energy(self, distance: float, contact_distance: float) -> float:
+        """Refuse to return the energy, which is that of a kind."""
+        raise _no_kind()
+
+    def first(self, distance: float, contact_distance: float) -> float:
+        """Refuse to return du/dr, which is that of a kind."""
+        raise _no_kind()
+
+    def second(self, distance: float, contact_distance: float) -> float:
+        """Refuse to return d2u/dr2, which is that of a kind."""
+        raise _no_kind()
+
+
+for _one in (PerKind, LawPerKind):
+    tell_apart(_one)
+
+
+def _no_kind() -> TypeError:
+    return TypeError("law must be that of one kind of particles, got LawPerKind: take walls.of(kind)")
+
+
+def _row(name: str, given: Any, *, words: str) -> tuple[Any, ...]:
+    """Return a row with an entry for each kind of particles."""
+    if isinstance(given, np.ndarray):
+        given = given.tolist()
+    if not isinstance(given, tuple | list) or hasattr(given, "_fields") or not given:
+        raise TypeError(f"{name} must be {words}, one for each kind of particles, got {given!r}")
+    return tuple(given)
+
+
+def _checked_kind(kind: Any, kinds: int) -> int:
+    if isinstance(kind, bool) or not isinstance(kind, int | np.integer):
+        raise TypeError(f"kind must be a whole number, got {kind!r}")
+    if not 0 <= kind < kinds:
+        raise ValueError(f"kind must be from 0 to {kinds - 1}, got {kind}")
+    return int(kind)
+
+
+def rows_in(record: Any) -> list[tuple[str, tuple[Any, ...]]]:
+    """Return the rows by kinds in walls, each with its name there."""
+    return _named_in(record, PerKind | LawPerKind)
+
+
+def at_kind(record: Any, kind: int) -> Any:
+    """Return a record of walls with what its rows have for a kind of particles."""
+    if isinstance(record, PerKind | LawPerKind):
+        return record.of(kind)
+    if not hasattr(record, "_fields") or not rows_in(record):
+        return record
+    return type(record)(*(at_kind(one, kind) for one in record))
+
+
 def number_at(number: Any, kinds: Any) -> Any:
-    """Return a number of an effect, or that of a table for a pair of kinds, or those for (C,) pairs."""
-    if not isinstance(number, ByKind):
+    """Return a number of an effect, or that of a table for a pair of kinds, or those for (C,) pairs.
+
+    Of a row of walls that of a kind of particles, or those for (W,) kinds.
+    """
+    if not isinstance(number, ByKind | PerKind):
         return number
-    return np.array(number.numbers)[kinds] if isinstance(kinds, np.ndarray) else number.numbers[kinds]
+    return np.array(number[0])[kinds] if isinstance(kinds, np.ndarray) else number[0][kinds]
 
 
 @compiled_form(number_at, inline=True)
@@ -212,18 +362,23 @@ def _choose_number_at(number: Any, kinds: Any) -> Any:
 
 
 def largest_number(number: Any) -> float:
-    """Return a number, or the largest of a table."""
-    return max(number.numbers) if isinstance(number, ByKind) else float(number)
+    """Return a number, or the largest of a table or a row."""
+    return max(number[0]) if isinstance(number, ByKind | PerKind) else float(number)
 
 
 def tables_in(record: Any) -> list[tuple[str, tuple[Any, ...]]]:
-    """Return the tables by kinds in an effect or a law, each with its name there."""
+    """Return the tables by pairs of kinds in an effect or a law, each with its name there."""
+    return _named_in(record, ByKind | LawByKind)
+
+
+def _named_in(record: Any, classes: Any) -> list[tuple[str, tuple[Any, ...]]]:
+    """Return the entries of the tables or rows of some classes in a record, each with its name there."""
     found: list[tuple[str, tuple[Any, ...]]] = []
     for name, value in zip(getattr(record, "_fields", ()), record if isinstance(record, tuple) else (), strict=False):
-        if isinstance(value, ByKind | LawByKind):
+        if isinstance(value, classes):
             found.append((name, value[0]))
         elif hasattr(value, "_fields"):
-            found += [(f"{name}.{within}", table) for within, table in tables_in(value)]
+            found += [(f"{name}.{within}", table) for within, table in _named_in(value, classes)]
     return found
 
 
@@ -232,6 +387,9 @@ def _looks_at_kinds(record: Any) -> bool:
     cls: Any = type(record)
     if isinstance(record, ByKind | LawByKind):
         return True
+    if isinstance(record, PerKind | LawPerKind):
+        # of walls, which loops know as each kind meets them
+        return any(_looks_at_kinds(one) for one in record[0] if isinstance(one, tuple))
     own = hasattr(cls, "_fields") and not cls.__module__.startswith("packmech.")
     methods = [name for name, method in vars(cls).items() if inspect.isfunction(method)] if own else []
     if any(name == "pair_damping" or asks_for_partners(cls, name) for name in methods):
@@ -249,8 +407,15 @@ def kinds_in(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.int64] | 
     return packing.kind_n if packing.kinds > 1 and kinds_matter(effects) else None
 
 
+def kinds_by_rows(packing: Packing, order_n: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+    """Return the (N,) kinds of a packing's particles in an order, their own unless given; zeros where it has none."""
+    if packing.kind_n is None:
+        return np.zeros(packing.particles, dtype=np.int64)
+    return np.ascontiguousarray(packing.kind_n if order_n is None else packing.kind_n[order_n])
+
+
 def refuse_missing_kinds(effects: tuple[Any, ...], packing: Packing) -> None:
-    """Refuse tables by kinds that lack a kind of the packing, or stand where no kinds are known.
+    """Refuse tables and rows by kinds that lack a kind of the packing, or stand where no kinds are known.
 
     Raises
     ------
@@ -260,20 +425,41 @@ def refuse_missing_kinds(effects: tuple[Any, ...], packing: Packing) -> None:
     """
     for k, one in enumerate(effects):
         # of surfaces what compiled loops know
-        for name, table in tables_in(getattr(one, "flat", one)):
+        flat = getattr(one, "flat", one)
+        acts_as = getattr(one, "acts_as", "")
+        for name, table in tables_in(flat):
             kinds = kinds_of_table(len(table))
-            if getattr(one, "acts_as", "") in ("walls", "mesh"):
+            if acts_as == "walls":
                 raise ValueError(
-                    f"effects[{k}].{name} must not differ by kinds, as walls do the same to all particles, got a table "
-                    f"for {kinds} kinds"
+                    f"effects[{k}].{name} must be pm.{'LawPerKind' if is_law(table[0]) else 'PerKind'} for walls that "
+                    f"differ by the kind of what touches them, got a table by pairs of {kinds} kinds"
                 )
-            if packing.kinds > kinds:
-                kind_n = packing.kind_n
-                n = 0 if kind_n is None else int((kind_n >= kinds).argmax())
+            if acts_as == "mesh":
+                _refuse_on_surface(f"effects[{k}].{name}", f"a table for {kinds} kinds")
+            _refuse_short(f"effects[{k}].{name} must have a row", kinds, packing)
+        for name, row in rows_in(flat):
+            if acts_as == "mesh":
+                _refuse_on_surface(f"effects[{k}].{name}", f"a row for {len(row)} kinds")
+            if packing.kind_n is None and len(row) > 1:
                 raise ValueError(
-                    f"effects[{k}].{name} must have a row for each kind of the packing's particles, {packing.kinds}, "
-                    f"got {kinds}: particle {n} is of kind {0 if kind_n is None else kind_n[n]}"
+                    f"effects[{k}].{name} must be the same for all particles of a packing without kinds, got a row for "
+                    f"{len(row)} kinds: give packing.replace(kind_n=...), or pm.assign_kinds(...)"
                 )
+            _refuse_short(f"effects[{k}].{name} must have an entry", len(row), packing)
+
+
+def _refuse_on_surface(name: str, what: str) -> None:
+    raise ValueError(f"{name} must not differ by kinds, as surfaces do the same to all particles, got {what}")
+
+
+def _refuse_short(must: str, kinds: int, packing: Packing) -> None:
+    if packing.kinds > kinds:
+        kind_n = packing.kind_n
+        n = 0 if kind_n is None else int((kind_n >= kinds).argmax())
+        raise ValueError(
+            f"{must} for each kind of the packing's particles, {packing.kinds}, got {kinds}: particle {n} is of kind "
+            f"{0 if kind_n is None else kind_n[n]}"
+        )
 
 
 def reference_partners(effects: tuple[Any, ...], packing: Packing) -> tuple[Partners, ...]:

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import brief, instance, one_of, positive, real
+from packmech.check import brief, instance, integer, one_of, positive, real
 from packmech.effects.body import Walls
 from packmech.effects.damping import Restitution
 from packmech.effects.friction import DampingRatio, Friction, Mindlin
-from packmech.effects.kinds import ByKind, LawByKind, checked_pair
+from packmech.effects.kinds import ByKind, LawByKind, LawPerKind, PerKind, checked_pair
 from packmech.effects.laws import ElasticSpheres, LinearSpring
 from packmech.effects.repulsion import Repulsion
 from packmech.packing import Packing, masses_of_density
@@ -157,12 +157,10 @@ class Material:
         other = self if of is None else of
         instance("of", other, Material)
         both = self if of is None else self.mixed(other)
-        modulus = _modulus_of(self, other)
-        dashpots, sliding = both._dashpots(), both._sliding()
         # the law is that of the mirror image, whose overlap is twice as deep
-        law = self._law(packing, 0.5 * modulus)
-        friction = sliding[0] if sliding else Friction(0.0) if self.friction > 0.0 else None
-        return Walls._make((axis, low, high, law, dashpots[0] if dashpots else 0.0, friction, *(None,) * 4))
+        law = self._law(packing, 0.5 * _modulus_of(self, other))
+        friction = both._sliding() or ((Friction(0.0),) if self.friction > 0.0 else (None,))
+        return Walls._make((axis, low, high, law, *(both._dashpots() or (0.0,)), *friction, *(None,) * 4))
 
     def mixed(self, other: Material, mixing: str = "geometric") -> Material:
         """Return the material of which two bodies touch as one of this and one of the other.
@@ -337,6 +335,64 @@ class Materials:
             found.append(Friction(_by_kind([one.friction for one in table]), smooth, across))
         return tuple(found)
 
+    def walls(self, packing: Packing, axis: int, low: float, high: float, *, of: Material | int) -> Walls:
+        """Return two walls across an axis that particles of each kind touch as thick plates: `Material.walls` of each.
+
+        Restitution and friction are the means of both materials. Numbers that are the same for all kinds are no rows
+        (`LawPerKind`, `PerKind`).
+
+        Parameters
+        ----------
+        packing
+            Of discs or spheres.
+        axis, low, high
+            As of `Walls`.
+        of
+            What the walls are made of: a material, or the place of one among these, of whose pairs with the others
+            `exceptions` hold. It may be one that no particle is of.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is wrong, or the packing is of more kinds than there are materials.
+
+        Examples
+        --------
+        >>> import packmech as pm
+        >>> glass, steel = pm.Material(7e4, 0.22, restitution=0.9), pm.Material(2e5, 0.3, restitution=0.4)
+        >>> balls = pm.Packing([[1.0, 1.0, 1.0], [3.0, 1.0, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 3), kind_n=[0, 1])
+        >>> both = pm.Materials((glass, steel), exceptions={(0, 1): {"restitution": 0.7}})
+        >>> both.walls(balls, axis=2, low=0.0, high=3.5, of=1).damping
+        Restitution(coefficient=PerKind(values=(0.7, 0.4)))
+
+        """
+        self._check(packing)
+        pairs = [self._with_wall(kind, of) for kind in range(len(self.materials))]
+        laws = [pair._law(packing, 0.5 * modulus) for pair, modulus in pairs]
+        law: Any = laws[0] if len(set(laws)) == 1 else LawPerKind(tuple(laws))
+        inelastic = any(pair.restitution < 1.0 for pair, _ in pairs)
+        dashpot = Restitution(_per_kind([pair.restitution for pair, _ in pairs])) if inelastic else 0.0
+        friction = None
+        if any(pair.friction > 0.0 for pair, _ in pairs):
+            across: Any = DampingRatio(1.0) if inelastic else 0.0
+            smooth = Mindlin(_per_kind([pair.poisson_ratio for pair, _ in pairs]))
+            friction = Friction(_per_kind([pair.friction for pair, _ in pairs]), smooth, across)
+        elif any(self.of(*pair).friction > 0.0 for pair in self._pairs()):
+            friction = Friction(0.0)
+        return Walls._make((axis, low, high, law, dashpot, friction, *(None,) * 4))
+
+    def _with_wall(self, kind: int, of: Material | int) -> tuple[Material, float]:
+        """Return the material of which particles of a kind and walls touch as, and E* [force/length^2]."""
+        one = self.materials[kind]
+        if isinstance(of, Material):
+            return (one if one == of else one.mixed(of, self.mixing)), _modulus_of(one, of)
+        place = integer("of", of, at_least=0, at_most=len(self.materials) - 1)
+        both = self.of(kind, place)
+        measured = self.exceptions.get((min(kind, place), max(kind, place)), {})
+        if {"young_modulus", "poisson_ratio"} & set(measured):
+            return both, both.effective_modulus
+        return both, _modulus_of(one, self.materials[place])
+
     def masses(self, packing: Packing) -> NDArray[np.float64]:
         """Return the (N,) masses of a packing's particles, of the densities of their materials [mass].
 
@@ -368,6 +424,11 @@ class Materials:
             raise ValueError(
                 f"packing must be of as many kinds as there are materials, {len(self.materials)}, got {packing.kinds}"
             )
+
+
+def _per_kind(numbers: list[float]) -> Any:
+    """Return a row of numbers of kinds, or the number where all are the same."""
+    return numbers[0] if len(set(numbers)) == 1 else PerKind(tuple(numbers))
 
 
 def _by_kind(numbers: list[float]) -> Any:

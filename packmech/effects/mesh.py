@@ -21,7 +21,7 @@ from packmech.contacts.triangles import (
     next_near,
     touch_of_triangle,
 )
-from packmech.effects.body import Walls, first_on_wall
+from packmech.effects.body import Walls, first_on_wall, walls_by_rows
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
@@ -215,6 +215,11 @@ class MeshWalls:
         return second
 
 
-def in_loops(effect: Any) -> Any:
-    """Return what stands for an effect inside loops over single particles: itself, but for walls of triangles."""
-    return effect.rows if isinstance(effect, MeshWalls) else effect
+def in_loops(effect: Any, kind_n: NDArray[np.int64]) -> Any:
+    """Return what stands for an effect inside loops over single particles, of (N,) kinds in their order: mostly itself.
+
+    Walls of triangles, and those that differ by kinds, have records of their own.
+    """
+    if isinstance(effect, MeshWalls):
+        return effect.rows
+    return walls_by_rows(effect, kind_n) if isinstance(effect, Walls) else effect

@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import columns_of
 from packmech.contacts.wall_touches import WallTouches, wall_touches
-from packmech.effects.body import Gravity, Walls, body_energy, body_force, body_second
+from packmech.effects.body import Gravity, KindWalls, Walls, body_energy, body_force, body_second
 from packmech.effects.friction import Friction
 from packmech.effects.held import FixedParticles
+from packmech.effects.kinds import LawPerKind, kinds_by_rows, number_at
 from packmech.effects.mesh import in_loops
-from packmech.effects.pair import contact_terms, equal_touches
+from packmech.effects.pair import ContactTerms, contact_terms, equal_touches
 from packmech.effects.repulsion import Repulsion
-from packmech.jit.compiled import device, kernel
+from packmech.jit.by_type import by_type
+from packmech.jit.compiled import device, inlined, kernel
 from packmech.packing import Packing
 
 
@@ -36,11 +38,13 @@ class SingleTerms(NamedTuple):
 
 
 def single_effects(effects: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them.
+    """Return the effects that give single particles an energy, such as gravity and walls; drag is none of them."""
+    return tuple(one for one in effects if hasattr(type(one), "body_energy"))
 
-    Surfaces as their `MeshRows`.
-    """
-    return tuple(in_loops(one) for one in effects if hasattr(type(one), "body_energy"))
+
+def single_rows(effects: tuple[Any, ...], kind_n: NDArray[np.int64]) -> tuple[Any, ...]:
+    """Return the same as loops over single particles, of (N,) kinds in their order, know them (`in_loops`)."""
+    return tuple(in_loops(one, kind_n) for one in single_effects(effects))
 
 
 def refuse_free_fall(effects: tuple[Any, ...]) -> None:
@@ -116,6 +120,21 @@ def _size(vector: Any) -> float:
     return math.sqrt(square)
 
 
+@inlined
+def _terms_under(one: Any, i: Any, x: Any, y: Any, z: Any, mass: Any, radius: Any) -> Any:
+    force = body_force(one, x, y, z, 0.0, 0.0, 0.0, mass, radius)
+    return body_energy(one, x, y, z, mass, radius), force, body_second(one, x, y, z, mass, radius)
+
+
+@inlined
+def _terms_by_kind(one: Any, i: Any, x: Any, y: Any, z: Any, mass: Any, radius: Any) -> Any:
+    return _terms_under(one.walls[one.kind_n[i]], i, x, y, z, mass, radius)
+
+
+# energy, force and second derivatives of a particle under one effect
+_terms_of = by_type(_terms_under, {KindWalls: _terms_by_kind})
+
+
 @kernel
 def _single_terms(  # type: ignore[no-untyped-def]
     effects, position_n3, mass_n, radius_n, energy_n, force_n3, second_n6, size_n, acting_n
@@ -126,15 +145,14 @@ def _single_terms(  # type: ignore[no-untyped-def]
         acting = 0
         xx = yy = zz = yz = xz = xy = 0.0
         for one in literal_unroll(effects):
-            energy += body_energy(one, x, y, z, mass_n[i], radius_n[i])
-            force = body_force(one, x, y, z, 0.0, 0.0, 0.0, mass_n[i], radius_n[i])
+            own_energy, force, second = _terms_of(one, i, x, y, z, mass_n[i], radius_n[i])
+            energy += own_energy
             fx += force[0]
             fy += force[1]
             fz += force[2]
             own = _size(force)
             size += own
             acting += own > 0.0
-            second = body_second(one, x, y, z, mass_n[i], radius_n[i])
             xx += second[0]
             yy += second[1]
             zz += second[2]
@@ -209,7 +227,7 @@ def single_terms(
     n, d = packing.particles, packing.dimension
     energy, force, second = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 6))
     size, number = np.zeros(n), np.zeros(n, dtype=np.int64)
-    acting = single_effects(effects)
+    acting = single_rows(effects, kinds_by_rows(packing))
     if acting:
         place = places_in_cell(effects, packing, position_nd)
         mass = np.ascontiguousarray(packing.mass_n, dtype=np.float64)
@@ -290,24 +308,49 @@ def refuse_beside_superellipsoids(effects: tuple[Any, ...], packing: Packing) ->
 
 
 class WallSide(NamedTuple):
-    """What touches one of two walls: place of the effect among all, the walls, 1 for that below or -1, touches."""
+    """What touches one of two walls: place of the effect among all, the walls, 1 for that below or -1, touches, kinds.
+
+    kind_w are the (W,) kinds of the particles that touch it.
+    """
 
     place: int
     wall: Walls
     below: float
     touches: WallTouches
+    kind_w: NDArray[np.int64]
+
+    def terms(self) -> ContactTerms:
+        """Return the (W,) energies of particles with their images in the wall, and derivatives by their distances."""
+        law, distance, sigma = self.wall.law, self.touches.distance_w, self.touches.contact_distance_w
+        if not isinstance(law, LawPerKind):
+            return contact_terms((Repulsion(law=law),), equal_touches(distance, sigma))
+        found = ContactTerms(*(np.zeros(len(sigma)) for _ in ContactTerms._fields))
+        for kind in np.unique(self.kind_w).tolist():
+            mine = self.kind_w == kind
+            own = contact_terms((Repulsion(law=law.of(kind)),), equal_touches(distance[mine], sigma[mine]))
+            for whole, part in zip(found, own, strict=True):
+                whole[mine] = part
+        return found
+
+    @property
+    def coefficient_w(self) -> NDArray[np.float64]:
+        """The (W,) coefficients of friction [1]."""
+        friction = self.wall.friction
+        coefficient = 0.0 if friction is None else number_at(friction.coefficient, self.kind_w)
+        return np.broadcast_to(np.asarray(coefficient, dtype=np.float64), len(self.touches))
 
 
 def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[WallSide]:
     """Return what touches each wall, that below before that above."""
-    place = None
+    place, kind_n = None, kinds_by_rows(packing)
     found = []
     for k, one in enumerate(effects):
         if isinstance(one, Walls):
             place = places_in_cell(effects, packing) if place is None else place
             axis = int(one.axis)
             for side, height in ((1.0, place[:, axis] - one.low), (-1.0, one.high - place[:, axis])):
-                found.append(WallSide(k, one, side, wall_touches(packing, height, axis, side)))
+                touches = wall_touches(packing, height, axis, side)
+                found.append(WallSide(k, one, side, touches, kind_n[touches.particle_w]))
     return found
 
 
@@ -330,8 +373,8 @@ def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
     slope[:, :d] = -others.force_nd
     second[:, :d, :d] = stiffness[:, :d, :d] = others.second_ndd
     push_kn: dict[int, NDArray[np.float64]] = {}
-    for k, wall, _, touches in wall_sides(effects, packing):
-        terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
+    for side in wall_sides(effects, packing):
+        k, wall, touches, terms = side.place, side.wall, side.touches, side.terms()
         # half of what the particle and its mirror image have together
         first, steep = 0.5 * terms.first_c, 0.5 * terms.second_c
         np.add.at(energy, touches.particle_w, 0.5 * terms.energy_c)

@@ -149,7 +149,8 @@ def read_fields(
     if not isinstance(table, dict):
         raise TypeError(f"{where} must be a table with a kind, got {table!r}")
     # where one kind alone may stand, it need not be named
-    kind = table.get("kind", *kinds) if len(kinds) == 1 else table.get("kind")
+    alone = list(kinds) if len(kinds) == 1 else _tables_by_kinds(table, kinds)
+    kind = table.get("kind", *alone) if len(alone) == 1 else table.get("kind")
     if not isinstance(kind, str) or kind not in kinds:
         raise ValueError(f"{where}.kind must be one of {_listed(kinds, kind, 'kind' in table)}")
     maker = kinds[kind]
@@ -176,6 +177,13 @@ def read_fields(
             errors.found.append(ValueError(f"{where}.{name} must be given, got nothing"))
     errors.check()
     return maker, values
+
+
+def _tables_by_kinds(table: Mapping[str, Any], kinds: Kinds) -> list[str]:
+    """Return the kinds with the fields of a table, where all kinds are tables by kinds of particles."""
+    if not all(getattr(maker, "table_of_kinds", False) for maker in kinds.values()):
+        return []
+    return [kind for kind, maker in kinds.items() if table.keys() <= inspect.signature(maker).parameters.keys()]
 
 
 def _records(value: Any, where: str, kinds: Kinds, nested: Mapping[str, Kinds]) -> Any:

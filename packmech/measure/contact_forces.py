@@ -377,10 +377,11 @@ class ContactForces:
         resisting[:] = bool(rolling_spring_of(effects) or twisting_of(effects))
         if not self._coefficient > 0.0:
             count = np.zeros_like(count)
-        for _, wall, _, touches in wall_sides(effects, packing) if rough_walls(effects) else ():
-            if wall.roughness is not None:
-                count[touches.particle_w] += 1
-                resisting[touches.particle_w] |= isinstance(springs_of(wall.roughness), RoughContacts)
+        for side in wall_sides(effects, packing) if rough_walls(effects) else ():
+            rough = side.wall.roughness
+            held = side.touches.particle_w[(side.coefficient_w > 0.0) | isinstance(rough, RoughContacts)]
+            count[held] += 1
+            resisting[held] |= isinstance(springs_of(rough), RoughContacts)
         return np.asarray((count == 2) & ~resisting & ~self.rattlers_n & (self.contacts.dimension == 3))
 
     @property

@@ -12,12 +12,10 @@ from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.wall_elements import WallSprings
 from packmech.effects import (
     SIDES,
-    Repulsion,
     RoughContacts,
     WallSide,
     at_contact,
     contact_terms,
-    equal_touches,
     friction_of,
     rolling_spring_of,
     springs_of,
@@ -135,10 +133,10 @@ def _springs_at(side: WallSide, normal_wd: NDArray[np.float64], stretch_wk: NDAr
     """Return what a side of rough walls does across, given the columns of its springs (`wall_columns`)."""
     wall, touches, turns = side.wall, side.touches, 1 if normal_wd.shape[1] == 2 else 3
     rough: Any = springs_of(wall.roughness)
-    terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
+    terms = side.terms()
     push, steep = np.abs(terms.first_c), 2.0 * terms.second_c
     friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
-    here, before = at_contact(friction, steep, 0.0, 0), stretch_wk[:, turns]
+    here, before = at_contact(friction, steep, 0.0, side.kind_w), stretch_wk[:, turns]
     # of `Mindlin`: 0 else
     fallen = (before > 0.0) & (before < here.stiffness)
     worth = np.divide(before, here.stiffness, out=np.ones_like(before), where=fallen)

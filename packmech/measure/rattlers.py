@@ -30,7 +30,6 @@ from packmech.contacts.given import check_given, contacts_of
 from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, rattling_bodies, rows_across, turns_of
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
-    ROUGHNESS,
     RollingDashpot,
     Walls,
     find_interactions,
@@ -146,18 +145,19 @@ def _wall_ends(packing: Packing, effects: tuple[Any, ...], friction: float, turn
     d, turn = packing.dimension, packing.turn_nkt
     none = np.zeros(0, np.int64)
     found = [Ends(none, none, np.zeros((0, d + turn.shape[1])), np.zeros((0, 0, d + turn.shape[1])))]
-    for _, wall, _, touches in wall_sides(effects, packing):
+    for one in wall_sides(effects, packing):
+        wall, touches = one.wall, one.touches
         n, slope = touches.particle_w, touches.slope_wx
         if friction > 0.0 and wall.roughness is not None:
             spin, normal = packing.spin_nkk[n], -np.sign(slope[:, :d])
             arm = 0.5 * touches.distance_w
-            sliding, *others = (
-                0.0 if one is None or isinstance(one, RollingDashpot) else one.coefficient / friction
-                for one in (getattr(wall, name) for name in ROUGHNESS)
-            )
+            others = [
+                0.0 if each is None or isinstance(each, RollingDashpot) else each.coefficient / friction
+                for each in (wall.rolling, wall.twisting)
+            ]
             moments = [size * arm if there else None for size, there in zip(others, turning, strict=True)]
             side = rows_across(normal, arm[:, None] * normal, spin, moments)
-            side[:, : d - 1] *= sliding
+            side[:, : d - 1] *= (one.coefficient_w / friction)[:, None, None]
             push = np.hstack([-normal, np.zeros((len(n), spin.shape[1]))])
             found.append(Ends(n, np.full(len(n), -1), push, side))
             continue

@@ -10,14 +10,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.check import instance
-from packmech.effects import (
-    Repulsion,
-    contact_terms,
-    equal_touches,
-    held_particles,
-    refuse_unknown_to_shapes,
-    wall_sides,
-)
+from packmech.effects import held_particles, refuse_unknown_to_shapes, wall_sides
 from packmech.measure.friction import wall_springs
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -65,10 +58,10 @@ def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts
     found = [WallContacts(none, none, np.zeros((0, d)), np.zeros(0), np.zeros((0, d)))]
     sides = wall_sides(effects, packing)
     across_wd, first = wall_springs(packing, sides).force_wd, 0
-    for k, wall, side, touches in sides:
+    for one in sides:
+        k, wall, side, touches, terms = one.place, one.wall, one.below, one.touches, one.terms()
         across = across_wd[first : first + len(touches)]
         first += len(touches)
-        terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
         # the slope of half the energy of the particle and its mirror image
         force = -0.5 * terms.first_c * np.abs(touches.slope_wx[:, int(wall.axis)])
         kept = force != 0.0

@@ -16,7 +16,7 @@ from packmech.contacts import crossing_links
 from packmech.effects import (
     FixedParticles,
     Harmonic,
-    MeshRows,
+    MeshWalls,
     Repulsion,
     Walls,
     lacking_second,
@@ -281,7 +281,7 @@ class _Descent:
     def _alone(self, now: Evaluation) -> bool:
         """Return whether nothing presses a particle, where what acts on single ones may balance by itself."""
         acting = single_effects(self.scene.effects)
-        walls_only = all(isinstance(one, Walls | MeshRows) for one in acting)
+        walls_only = all(isinstance(one, Walls | MeshWalls) for one in acting)
         return not acting or (walls_only and now.energy <= _NO_ENERGY * self.scene.energy_scale)
 
     def follow(self, name: str, method: Minimizer, tolerance: float) -> Outcome:

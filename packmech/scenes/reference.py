@@ -13,6 +13,7 @@ import tomli_w
 
 from packmech.calls.docstrings import first_sentence, meanings_of
 from packmech.effects import registered_effects, registered_laws
+from packmech.effects.body import Walls
 from packmech.effects.materials import Material
 from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
@@ -23,7 +24,8 @@ _WIDTH = 100
 _OF_MATERIAL = (
     "This table has no kind. It stands in place of `[[effects]]`, or beside others: it gives the repulsion, the "
     "dashpots and the friction of contacts, the density of a packing that names none, and the law, damping and "
-    "friction of walls that name none."
+    "friction of walls that name none. Several tables `[[material]]` are those of particles of kind 0, 1, ...; walls "
+    "say by their `material` of which they are."
 )
 # fields of packings that mean something else in a file than the argument of that name, or have another name
 _IN_FILES = {
@@ -47,6 +49,16 @@ class Field(NamedTuple):
     kind: str
     default: str
     meaning: str
+
+
+# a field of walls that no record has
+_MATERIAL_OF_WALLS = Field(
+    "material",
+    "integer",
+    "unset",
+    "Beside several tables `[[material]]`: the place of that which the walls are made of, 0 for the first. Law, "
+    "damping and friction that are not named follow from it and the material of each kind of particles.",
+)
 
 
 def _default(value: Any) -> str:
@@ -118,7 +130,7 @@ def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str]
         if maker in PACKINGS.values() and (name == "seed" or name not in meaning):
             meaning[name] = _IN_FILES.get(name, "")
         found.append(Field(name, words, "" if required else _default(one.default), meaning.get(name, "")))
-    return found
+    return [*found, _MATERIAL_OF_WALLS] if maker is Walls else found
 
 
 def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]]]:

@@ -84,7 +84,9 @@ from packmech.effects import (
     Bonds,
     ByKind,
     DampingRatio,
+    LawPerKind,
     Mindlin,
+    PerKind,
     Walls,
     damps,
     law_of,
@@ -119,8 +121,9 @@ from packmech.scenes.recipes import (
     kinds_of_particles,
 )
 
-# fields of walls that a material gives
+# fields of walls that a material gives; of several it is named by its place, in this field of the table alone
 _OF_MATERIAL = ("law", "damping", "friction")
+_MATERIAL = "material"
 _TOP = ("description", "packing", "kinds", "material", "effects", "drive")
 
 
@@ -348,9 +351,10 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
     dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
     nested: dict[str, Kinds] = {
-        **dict.fromkeys(("law", "laws", "compression", "tension"), laws),
-        **dict.fromkeys({name for names in BY_KIND.values() for name in names}, kinds_of((ByKind,))),
-        "damping": dashpots,
+        **dict.fromkeys(("laws", "compression", "tension"), laws),
+        "law": OpenKinds(laws | kinds_of((LawPerKind,)), laws.register),
+        **dict.fromkeys({name for names in BY_KIND.values() for name in names}, kinds_of((ByKind, PerKind))),
+        "damping": OpenKinds(dashpots | kinds_of((PerKind,)), dashpots.register),
         "stiffness": kinds_of((Mindlin,)),
         # of walls
         **{name: kinds_of(kinds) for name, kinds in ROUGHNESS.items()},
@@ -361,8 +365,13 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     effects: list[Any] = []
     bonded: dict[int, dict[str, Any]] = {}
     walls: dict[int, set[str]] = {}
+    made_of: dict[int, int] = {}
     for k, table in enumerate(entries):
         with errors.kept():
+            named = isinstance(table, dict) and table.get("kind") == kind_of(Walls) and _MATERIAL in table
+            if named:
+                made_of[len(effects)] = _place_of_material(table[_MATERIAL], f"effects[{k}]", tables.get("material"))
+                table = {name: value for name, value in table.items() if name != _MATERIAL}
             maker, values = read_fields(table, f"effects[{k}]", acting, nested, given=("packing",))
             if maker is bonds:
                 bonded[len(effects)] = values
@@ -412,12 +421,14 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         packing = packing.replace(mass_n=make(material.masses, {"packing": packing}, "material"))
     if material is not None:
         for k, given in walls.items():
-            if isinstance(material, Materials):
+            if isinstance(material, Materials) and k not in made_of:
                 _refuse_open_walls(f"effects[{k}]", given)
                 continue
             # what a table of walls leaves open is the material's
             one = effects[k]
             place = {"packing": packing, "axis": one.axis, "low": one.low, "high": one.high}
+            if isinstance(material, Materials):
+                place["of"] = made_of[k]
             made = make(material.walls, place, "material", FIELD_OF)
             effects[k] = one._replace(**{name: getattr(made, name) for name in _OF_MATERIAL if name not in given})
         effects = [*make(material.effects, {"packing": packing}, "material", FIELD_OF), *effects]
@@ -428,7 +439,18 @@ def _refuse_open_walls(where: str, given: set[str]) -> None:
     """Refuse walls that leave to the material what they do, where there are several."""
     for name in _OF_MATERIAL:
         if name not in given:
-            raise ValueError(f"{where}.{name} must be given for walls beside several materials, got nothing")
+            raise ValueError(
+                f"{where}.{name} must be given for walls beside several materials, got nothing: say which of them the "
+                f"walls are made of, as in {_MATERIAL} = 0"
+            )
+
+
+def _place_of_material(place: Any, where: str, materials: Any) -> int:
+    """Return the place of the material among the tables [[material]] that walls are made of."""
+    if not isinstance(materials, list):
+        has = "nothing" if materials is None else "one table [material], which walls are made of anyway"
+        raise ValueError(f"{where}.{_MATERIAL} must stand beside tables [[material]], got {has}")
+    return integer(f"{where}.{_MATERIAL}", place, at_least=0, at_most=len(materials) - 1)
 
 
 def _material(table: Any) -> Material | Materials:

@@ -438,7 +438,7 @@ def test_what_a_table_lacks_or_must_not_hold_is_refused_by_name(start):
         pm.Scene(start, (BY_KIND[0], pm.RollingResistance(pm.ByKind([[0.1, 0.2], [0.2, 0.3]]))))
     with pytest.raises(TypeError, match="of one class, Harmonic, got Hertz"):
         pm.LawByKind([[pm.Harmonic(), pm.Hertz()], [pm.Hertz(), pm.Harmonic()]])
-    with pytest.raises(ValueError, match=r"effects\[1\].law must not differ by kinds, as walls do the same"):
+    with pytest.raises(ValueError, match=r"effects\[1\].law must be pm.LawPerKind for walls that differ"):
         pm.Scene(start, (BY_KIND[0], pm.Walls(1, -50.0, 50.0, law_of(STIFFNESS))))
     with pytest.raises(ValueError, match="compression must be the same for all kinds"):
         pm.Bonds([0], [1], [[0, 0]], [1.0], law_of(STIFFNESS))

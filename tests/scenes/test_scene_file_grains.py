@@ -79,3 +79,14 @@ def test_what_several_materials_leave_open_or_have_themselves_is_named(tmp_path,
     (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=said):
         pm.read_scene(tmp_path / "mine.toml")
+
+
+def test_a_glass_and_a_steel_ball_rebound_from_wood_as_their_materials_say():
+    scene = pm.read_scene("glass-and-steel-on-wood")
+    run = pm.run(scene)
+    height, speed = run.packing.position_nd[:, 2] - 0.5, run.velocity_nd[:, 2]
+    # sqrt(e of both) is left of the speed, and a part as large as its square of the energy of a fall by 2
+    assert 0.5 * speed**2 + height == pytest.approx([2.0 * 0.9 * 0.6, 2.0 * 0.4 * 0.6], rel=2e-2)
+    # both slide all through it: its push is (1 + e) times the speed of the fall, 2, and they lose mu times that
+    push = 2.0 * (1.0 + np.sqrt([0.9 * 0.6, 0.4 * 0.6]))
+    assert 2.0 - run.velocity_nd[:, 0] == pytest.approx(np.sqrt([0.02 * 0.1, 0.1 * 0.1]) * push, rel=2e-2)
