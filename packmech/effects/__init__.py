@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from packmech.effects.body import (
+    AHEAD,
     ROUGHNESS,
     SIDES,
     SIGNED,
@@ -143,6 +144,7 @@ from packmech.effects.single import (
 from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 
 __all__ = [
+    "AHEAD",
     "BY_KIND",
     "ByKind",
     "LawByKind",
