@@ -40,6 +40,7 @@ from packmech.dynamics.friction import (
 )
 from packmech.effects import (
     AHEAD,
+    SAME_DIRECTION,
     SIDES,
     ConstantRolling,
     DampingRatio,
@@ -146,9 +147,9 @@ class MeshTouch(NamedTuple):
 
 # columns of a contact with a surface in `RoughMesh.room_bsk`: direction to it, distance, `bend`, direction of an edge
 _DISTANCE, _BEND, _ALONG, _SPRING = 3, 4, 5, 8
-# cosines of the angles between directions below which a contact is that of the step before: no two of a step are that
-# near; and, if it is none of these, the nearest of those that are left, as contacts within ten degrees count as one
-_SAME, _NEXT = math.cos(math.radians(5.0)), math.cos(math.radians(15.0))
+# the same of a contact that is none of the step before, but the nearest of those that are left: contacts within ten
+# degrees count as one, that with the next facet once it is nearer
+_NEXT = math.cos(math.radians(15.0))
 
 
 def make_visited_walls(
@@ -408,7 +409,7 @@ def _take_springs(one, stretch_nk, i, first, width, held, b, found):
             room[b, t, _SPRING + k - AHEAD] = 0.0
     # one bit for each
     given = 0
-    for least in (_SAME, _NEXT):
+    for least in (SAME_DIRECTION, _NEXT):
         for t in range(found):
             s = -1
             if not given & (1 << t):

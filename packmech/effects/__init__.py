@@ -7,6 +7,7 @@ from typing import Any
 from packmech.effects.body import (
     AHEAD,
     ROUGHNESS,
+    SAME_DIRECTION,
     SIDES,
     SIGNED,
     BackgroundDamping,
@@ -181,6 +182,7 @@ __all__ = [
     "PlateauRepulsion",
     "PowerLaw",
     "ROUGHNESS",
+    "SAME_DIRECTION",
     "Repulsion",
     "RepulsiveLennardJones",
     "Restitution",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -32,6 +33,8 @@ from packmech.packing import Packing
 SIDES = 2
 # numbers before those of the springs of a contact with a surface of triangles: the direction to it
 AHEAD = 3
+# cosine of the angle between directions below which a contact with a surface is the same: no two at once are that near
+SAME_DIRECTION = math.cos(math.radians(5.0))
 # what acts across contacts, by the names that walls give it
 ROUGHNESS: dict[str, tuple[type, ...]] = {
     "friction": (Friction,),

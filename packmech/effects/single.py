@@ -10,11 +10,12 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.calls.honors import columns_of
+from packmech.contacts.triangles import surface_touches
 from packmech.contacts.wall_touches import WallTouches, wall_touches
 from packmech.effects.body import Gravity, Walls, body_energy, body_force, body_second
 from packmech.effects.friction import Friction
 from packmech.effects.held import FixedParticles
-from packmech.effects.mesh import in_loops
+from packmech.effects.mesh import MeshWalls, in_loops
 from packmech.effects.pair import contact_terms, equal_touches
 from packmech.effects.repulsion import Repulsion
 from packmech.jit.compiled import device, kernel
@@ -290,24 +291,59 @@ def refuse_beside_superellipsoids(effects: tuple[Any, ...], packing: Packing) ->
 
 
 class WallSide(NamedTuple):
-    """What touches one of two walls: place of the effect among all, the walls, 1 for that below or -1, touches."""
+    """What touches one of two walls: place of the effect among all, the walls, 1 for that below or -1, touches.
+
+    Of a surface of triangles, which is of one side, the number is 0.
+    """
 
     place: int
-    wall: Walls
+    wall: Any
     below: float
     touches: WallTouches
 
+    @property
+    def is_first(self) -> bool:
+        """Whether it is the first or only side of its effect."""
+        return self.below >= 0.0
+
+    @property
+    def steepness_w(self) -> NDArray[np.float64]:
+        """The (W,) sizes of the slopes of the distances with the image [1]."""
+        if not self.below:
+            return np.full(len(self.touches), 2.0)
+        return np.abs(self.touches.slope_wx[:, int(self.wall.axis)])
+
+    def normal_wd(self, dimension: int) -> NDArray[np.float64]:
+        """Return the (W, d) directions from the particles to the wall [1]."""
+        if not self.below:
+            return -0.5 * self.touches.slope_wx[:, :dimension]
+        normal = np.zeros((len(self.touches), dimension))
+        normal[:, int(self.wall.axis)] = -self.below
+        return normal
+
+
+def _flat_sides(k: int, wall: Walls, packing: Packing, place_n3: NDArray[np.float64]) -> list[WallSide]:
+    """Return what touches either of two walls."""
+    axis = int(wall.axis)
+    heights = (1.0, place_n3[:, axis] - wall.low), (-1.0, wall.high - place_n3[:, axis])
+    return [WallSide(k, wall, side, wall_touches(packing, height, axis, side)) for side, height in heights]
+
+
+def flat_sides(effects: tuple[Any, ...], packing: Packing) -> list[WallSide]:
+    """Return what touches each flat wall, that below before that above."""
+    return wall_sides(tuple(one if isinstance(one, Walls) else None for one in effects), packing)
+
 
 def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[WallSide]:
-    """Return what touches each wall, that below before that above."""
-    place = None
-    found = []
-    for k, one in enumerate(effects):
+    """Return what touches each wall, that below before that above, and each surface of triangles."""
+    found: list[WallSide] = []
+    walls = [(k, one) for k, one in enumerate(effects) if isinstance(one, Walls | MeshWalls)]
+    place = places_in_cell(effects, packing) if walls else np.zeros((0, 3))
+    for k, one in walls:
         if isinstance(one, Walls):
-            place = places_in_cell(effects, packing) if place is None else place
-            axis = int(one.axis)
-            for side, height in ((1.0, place[:, axis] - one.low), (-1.0, one.high - place[:, axis])):
-                found.append(WallSide(k, one, side, wall_touches(packing, height, axis, side)))
+            found += _flat_sides(k, one, packing, place)
+        else:
+            found.append(WallSide(k, one, 0.0, surface_touches(one.rows.triangles, place, packing.radius_n)))
     return found
 
 
@@ -330,7 +366,7 @@ def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
     slope[:, :d] = -others.force_nd
     second[:, :d, :d] = stiffness[:, :d, :d] = others.second_ndd
     push_kn: dict[int, NDArray[np.float64]] = {}
-    for k, wall, _, touches in wall_sides(effects, packing):
+    for k, wall, _, touches in flat_sides(effects, packing):
         terms = contact_terms((Repulsion(law=wall.law),), equal_touches(touches.distance_w, touches.contact_distance_w))
         # half of what the particle and its mirror image have together
         first, steep = 0.5 * terms.first_c, 0.5 * terms.second_c

@@ -471,7 +471,11 @@ def _coefficients(scene: Scene, contacts: Contacts | ShapeContacts) -> Any:
     return number_at(friction_or_zero(scene.effects).coefficient, contacts.kinds_c)
 
 
-@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
+@honors(
+    "repulsion kinds friction rolling gravity walls held links shapes rough mesh",
+    at_rest=True,
+    link_tolerance=STRAINED,
+)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
@@ -592,7 +596,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough mesh",
     at_rest=True,
     link_tolerance=STRAINED,
 )

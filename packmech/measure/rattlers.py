@@ -146,14 +146,15 @@ def _wall_ends(packing: Packing, effects: tuple[Any, ...], friction: float, turn
     d, turn = packing.dimension, packing.turn_nkt
     none = np.zeros(0, np.int64)
     found = [Ends(none, none, np.zeros((0, d + turn.shape[1])), np.zeros((0, 0, d + turn.shape[1])))]
-    for _, wall, _, touches in wall_sides(effects, packing):
+    for one in wall_sides(effects, packing):
+        _, wall, _, touches = one
         n, slope = touches.particle_w, touches.slope_wx
         if friction > 0.0 and wall.roughness is not None:
-            spin, normal = packing.spin_nkk[n], -np.sign(slope[:, :d])
+            spin, normal = packing.spin_nkk[n], one.normal_wd(d)
             arm = 0.5 * touches.distance_w
             sliding, *others = (
-                0.0 if one is None or isinstance(one, RollingDashpot) else one.coefficient / friction
-                for one in (getattr(wall, name) for name in ROUGHNESS)
+                0.0 if each is None or isinstance(each, RollingDashpot) else each.coefficient / friction
+                for each in (getattr(wall, name) for name in ROUGHNESS)
             )
             moments = [size * arm if there else None for size, there in zip(others, turning, strict=True)]
             side = rows_across(normal, arm[:, None] * normal, spin, moments)
