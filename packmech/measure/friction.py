@@ -131,7 +131,8 @@ def _in_direction(
     normal_wd: NDArray[np.float64], stretch_wk: NDArray[np.float64], width: int
 ) -> NDArray[np.float64]:
     """Return the (W, width) columns of the slots that are known by the direction of each touch; zeros where none is."""
-    slot = stretch_wk.reshape(len(normal_wd), -1, AHEAD + width)
+    touches, columns = stretch_wk.shape
+    slot = stretch_wk.reshape(touches, columns // (AHEAD + width), AHEAD + width)
     cosine = np.einsum("wsd,wd->ws", slot[:, :, :AHEAD], normal_wd)
     nearest = cosine.argmax(axis=1)[:, None]
     known = np.take_along_axis(cosine, nearest, axis=1) > SAME_DIRECTION
