@@ -301,9 +301,7 @@ def _write_touches(triangles, place_n3, radius_n, particle_w, number_wk):
             near = next_near(triangles, near)
 
 
-def surface_touches(
-    triangles: Triangles, place_n3: NDArray[np.float64], radius_n: NDArray[np.float64]
-) -> WallTouches:
+def surface_touches(triangles: Triangles, place_n3: NDArray[np.float64], radius_n: NDArray[np.float64]) -> WallTouches:
     """Return what touches a surface, as of a wall, sorted by particles; spheres, which nothing turns.
 
     Parameters

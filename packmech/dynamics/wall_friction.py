@@ -96,7 +96,8 @@ class RoughMesh(NamedTuple):
 class VisitedWalls(NamedTuple):
     """The walls that rows are walked past, the stretches of the springs of each row, and the faces that move.
 
-    Of each wall low, then high, of each surface its slots, directions before springs; faces are None where all stand still.
+    Of each wall low, then high; of each surface its slots, directions before springs. Faces are None where all stand
+    still.
     """
 
     walls: Any
@@ -129,9 +130,10 @@ class MovingTouch(NamedTuple):
 
 
 class MeshTouch(NamedTuple):
-    """The same with a surface of triangles: how the direction turns as the row moves.
+    """The same with a surface of triangles, which stands still, and how the direction turns as the row moves.
 
-    By `bend` times the velocity across it, over an edge but for its part along that (a, b, c) [1/length].
+    By `bend` times the velocity across the direction [1/length], over an edge without the part along the edge (a, b,
+    c).
     """
 
     x: float
@@ -389,7 +391,7 @@ def _count_held(one, stretch_nk, i, first, width):
 
 @device
 def _nearest_held(one, stretch_nk, i, first, width, held, b, t, least):
-    """Return which of the contacts held is nearest in direction to one of now, of those nearer than that; -1 if none."""
+    """Return which of the contacts held is nearest in direction to contact t of now, beyond a cosine; -1 if none."""
     found = -1
     for s in range(held):
         k = first + s * width

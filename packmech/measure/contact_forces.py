@@ -379,7 +379,8 @@ class ContactForces:
             count = np.zeros_like(count)
         for _, wall, _, touches in wall_sides(effects, packing) if rough_walls(effects) else ():
             if wall.roughness is not None:
-                count[touches.particle_w] += 1
+                # a surface may touch a sphere at several places
+                np.add.at(count, touches.particle_w, 1)
                 resisting[touches.particle_w] |= isinstance(springs_of(wall.roughness), RoughContacts)
         return np.asarray((count == 2) & ~resisting & ~self.rattlers_n & (self.contacts.dimension == 3))
 

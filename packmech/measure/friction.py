@@ -127,9 +127,7 @@ def wall_springs(packing: Packing, sides: list[WallSide]) -> WallSprings:
     return WallSprings(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-def _in_direction(
-    normal_wd: NDArray[np.float64], stretch_wk: NDArray[np.float64], width: int
-) -> NDArray[np.float64]:
+def _in_direction(normal_wd: NDArray[np.float64], stretch_wk: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     """Return the (W, width) columns of the slots that are known by the direction of each touch; zeros where none is."""
     touches, columns = stretch_wk.shape
     slot = stretch_wk.reshape(touches, columns // (AHEAD + width), AHEAD + width)

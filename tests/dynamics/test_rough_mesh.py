@@ -281,7 +281,9 @@ def test_forces_torques_and_energy_at_rest_are_those_that_time_steps_begin_with(
 def test_more_places_than_there_are_springs_for_end_a_run_by_name():
     """A ball on the tip of a cone of twenty facets."""
     angle = 2.0 * np.pi * np.arange(20) / 20
-    at = np.concatenate([[[4.0, 4.0, 1.0]], np.column_stack([4 + 3 * np.cos(angle), 4 + 3 * np.sin(angle), angle * 0 + 4])])
+    at = np.concatenate(
+        [[[4.0, 4.0, 1.0]], np.column_stack([4 + 3 * np.cos(angle), 4 + 3 * np.sin(angle), angle * 0 + 4])]
+    )
     cone = pm.MeshWalls(
         at, [[0, 1 + k, 1 + (k + 1) % 20] for k in range(20)], LAW, pm.Restitution(0.5), friction=FRICTION
     )
