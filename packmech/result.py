@@ -72,6 +72,10 @@ class Outcome(Enum):
         "Walls that move have met, or stand farther apart than the box is long, so that particles touch each other "
         "through them; the packing is the last one before that was seen: take a longer box, or slower walls."
     )
+    TOO_MANY_TOUCHES = (
+        "A sphere touched a rough surface of triangles at more places than it has springs for; the packing is the last "
+        "one before that was seen: take a surface with fewer facets around its tip, or a smooth one."
+    )
     INTERRUPTED = "Stopped by Ctrl-C or a signal; the packing is the last one that was finished."
 
     @property

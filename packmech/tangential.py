@@ -48,10 +48,11 @@ class TangentialDisplacements:
         `CapillaryBridge` 0 of a pair that is not bound, of one that is (2 pi w R^2/E)^(2/3) [length^2] and 1. None
         where nothing is remembered.
     at_wall_w, wall_stretch_wk
-        (W,) particles, each once, and (W, K) displacements of their springs at rough `Walls`, in the order of the
+        (W,) particles, each once, and (W, K) displacements of their springs at rough walls, in the order of the
         scene's effects, low before high: of each wall those of sliding (1 or 3), the stiffness that `Mindlin` keeps,
         rolling (1 or 3) and twisting (1), 0 for what it lacks [length]. Tangents are those of the direction to the
-        wall. None without.
+        wall. Of rough `MeshWalls` the same for each of the places that a sphere may touch at once, after the direction
+        to it (3), 0 where there is none. None without.
 
     Raises
     ------

@@ -46,8 +46,8 @@ def effects_page() -> str:
                 markdown_table(("call", *COLUMNS), rows).strip(),
                 "## Friction beside walls",
                 "Walls have a friction of their own: a scene whose contacts have friction must say what that of its "
-                "`pm.Walls` is, `friction=pm.Friction(0.0)` for smooth ones. So for resistance to rolling and to "
-                "twisting.",
+                "`pm.Walls` and `pm.MeshWalls` is, `friction=pm.Friction(0.0)` for smooth ones. So for resistance to "
+                "rolling and to twisting, but for `pm.MeshWalls` whose friction is Friction(0.0).",
             ]
         )
         + "\n"

@@ -41,7 +41,7 @@ COLUMNS = {
     "shapes": "shapes other than discs and spheres",
     "breaking": "bonds that break: Bonds with breaks_at",
     "memory": "interactions that remember, such as JKR",
-    "rough": "Walls with friction, or on which particles roll or spin with resistance",
+    "rough": "Walls or MeshWalls with friction, or on which particles roll or spin with resistance",
     "kinds": "laws and numbers that differ by kinds of particles: LawByKind, ByKind; of walls LawPerKind, PerKind",
     "moving": "Walls that move, or hold a stress: WallMotion",
     "mesh": "walls of triangles: MeshWalls",
@@ -72,7 +72,7 @@ INSTEAD = {
     "rough": "pm.simulate or pm.settle",
     "kinds": "pm.simulate or pm.quench",
     "moving": "pm.simulate",
-    "mesh": "pm.simulate or pm.quench",
+    "mesh": "pm.simulate or pm.quench or pm.settle",
 }
 
 

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.jit.compiled import device
+from packmech.contacts.wall_touches import WallTouches
+from packmech.jit.compiled import device, kernel
 
 # contacts whose directions differ by less than ten degrees count as one, the nearest
 _ONE_DIRECTION = math.cos(math.radians(10.0))
@@ -271,6 +272,57 @@ def touch_of_triangle(triangles, search):
     size = 1.0 / math.sqrt(_dot(edge, edge))
     n = (over * away[0], over * away[1], over * away[2])
     return SurfaceTouch(touches, n, distance, part, (size * edge[0], size * edge[1], size * edge[2]))
+
+
+@kernel
+def _count_touches(triangles, place_n3, radius_n):
+    count = 0
+    for i in range(place_n3.shape[0]):
+        near = first_near(triangles, place_n3[i, 0], place_n3[i, 1], place_n3[i, 2], radius_n[i])
+        while near.number >= 0:
+            count += touch_of_triangle(triangles, near).touches
+            near = next_near(triangles, near)
+    return count
+
+
+@kernel
+def _write_touches(triangles, place_n3, radius_n, particle_w, number_wk):
+    w = 0
+    for i in range(place_n3.shape[0]):
+        near = first_near(triangles, place_n3[i, 0], place_n3[i, 1], place_n3[i, 2], radius_n[i])
+        while near.number >= 0:
+            touch = touch_of_triangle(triangles, near)
+            if touch.touches:
+                particle_w[w] = i
+                number_wk[w, 0], number_wk[w, 1] = touch.distance, touch.part
+                for a in range(3):
+                    number_wk[w, 2 + a], number_wk[w, 5 + a] = touch.n[a], touch.along[a]
+                w += 1
+            near = next_near(triangles, near)
+
+
+def surface_touches(triangles: Triangles, place_n3: NDArray[np.float64], radius_n: NDArray[np.float64]) -> WallTouches:
+    """Return what touches a surface, as of a wall, sorted by particles; spheres, which nothing turns.
+
+    Parameters
+    ----------
+    triangles
+        The surface.
+    place_n3, radius_n
+        (N, 3) centers and (N,) radii of the spheres [length].
+
+    """
+    count = _count_touches(triangles, place_n3, radius_n)
+    particle, number = np.zeros(count, dtype=np.int64), np.zeros((count, 8))
+    _write_touches(triangles, place_n3, radius_n, particle, number)
+    distance, part, away, along = number[:, 0], number[:, 1], number[:, 2:5], number[:, 5:]
+    slope, curvature = np.zeros((count, 6)), np.zeros((count, 6, 6))
+    slope[:, :3] = 2.0 * away
+    across = np.eye(3) - away[:, :, None] * away[:, None, :]
+    across[part == EDGE] -= (along[:, :, None] * along[:, None, :])[part == EDGE]
+    bend = np.where(part == FACE, 0.0, 2.0 / distance)
+    curvature[:, :3, :3] = bend[:, None, None] * across
+    return WallTouches(particle, 2.0 * distance, 2.0 * radius_n[particle], slope, curvature)
 
 
 def face_area_of(corner_tcd: NDArray[np.float64]) -> NDArray[Any]:

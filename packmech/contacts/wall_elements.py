@@ -9,6 +9,9 @@ With displacements u and rotations p of the particle, what holds for contacts of
     torque of T         a x dT + dD n x T
     other torques       dM = -D^2 (k_r (1 - n n) + k_t n n) p - D F n.p/2 + (n x F + f n) dD
 
+Over an edge or a corner of a surface n turns, too, by dn = -B u with B = (1 - n n) / D, less e e / D along an edge e,
+and forces and torques by what turns with it: dT = -n (T.dn), and dn x (T + F) + f dn of the torque over D.
+
 T sticks where there is no term with mu. F and f are the forces of the springs against rolling and twisting, which turn
 the particle by M = D (n x F + f n); they count as sticking.
 """
@@ -45,6 +48,8 @@ class WallSprings(NamedTuple):
         (W,) Coulomb's coefficients [1].
     energy_w
         (W,) energies of the springs [energy].
+    bend_wdd
+        (W, d, d) by which displacements turn the directions, but for the sign: 0 at walls [1/length].
 
     """
 
@@ -58,13 +63,14 @@ class WallSprings(NamedTuple):
     stiffness_w3: NDArray[np.float64]
     coefficient_w: NDArray[np.float64]
     energy_w: NDArray[np.float64]
+    bend_wdd: NDArray[np.float64]
 
     @classmethod
     def smooth(cls, normal_wd: NDArray[np.float64]) -> WallSprings:
         """Return touches in these directions with walls that do nothing across."""
-        count, none = len(normal_wd), np.zeros(len(normal_wd))
-        across = np.zeros_like(normal_wd)
-        return cls(normal_wd, none, none, none, across, across, none, np.zeros((count, 3)), none, none)
+        (count, d), none = normal_wd.shape, np.zeros(len(normal_wd))
+        across, bend = np.zeros_like(normal_wd), np.zeros((count, d, d))
+        return cls(normal_wd, none, none, none, across, across, none, np.zeros((count, 3)), none, none, bend)
 
     def select(self, kept_w: NDArray[np.bool_]) -> WallSprings:
         """Return some of the touches."""
@@ -114,5 +120,17 @@ class WallSprings(NamedTuple):
                 change[:, :, d:] += 0.5 * np.cross(n, self.force_wd)[:, :, None] * n[:, None]
                 moment[:, :, d:] -= 0.5 * arm * self.rolling_wd[:, :, None] * n[:, None]
             moment -= push[:, :, None] * depth[:, None]
+            self._turn(change, moment)
         moment += arm * np.einsum("wdt,wdx->wtx", turned, change)
         return np.asarray(-np.concatenate([change, moment], axis=1))
+
+    def _turn(self, change: NDArray[np.float64], moment: NDArray[np.float64]) -> None:
+        """Add what forces and torques gain as directions turn over edges and corners, as in `second`."""
+        n, d, bend = self.normal_wd, self.normal_wd.shape[1], self.bend_wdd
+        if not bend.any():
+            return
+        change[:, :, :d] += n[:, :, None] * np.einsum("wa,wab->wb", self.force_wd, bend)[:, None]
+        # columns: the cross product of each column of the turn with the forces
+        force = (self.force_wd + self.rolling_wd)[:, :, None]
+        turned = np.cross(bend, force, axis=1) + self.twisting_w[:, None, None] * bend
+        moment[:, :, :d] -= self.arm_w[:, None, None] * turned

@@ -68,6 +68,7 @@ from packmech.dynamics.wall_friction import (
     VisitedWalls,
     energy_of_push,
     faces_of,
+    let_go,
     normal_at_moving_wall,
     slipping_at_wall,
     visit_wall,
@@ -827,9 +828,15 @@ def _account_at_wall(visiting, one, axes, state, i, touch, spring, value):
     return value
 
 
+@let_go.form(Accounting)
+@inlined
+def _let_go(visiting, one, axes, spring):
+    _release_at_wall(one.rough, visiting, axes, spring)
+
+
 @inlined
 def _account_walls(visited, account, kicks, laws, state, rows, b):
-    walk_walls(Accounting(account, kicks, b), visited, laws.axes, state, account.wall_nk, rows, laws)
+    walk_walls(Accounting(account, kicks, b), visited, laws.axes, state, account.wall_nk, rows, b, laws)
 
 
 # books what visited walls do to rows; nothing in a scene without

@@ -68,7 +68,7 @@ from packmech.dynamics.time_step import (
     Span,
     run_steps,
 )
-from packmech.dynamics.wall_friction import faces_of, make_visited_walls, stretches_at_walls
+from packmech.dynamics.wall_friction import faces_of, is_crowded, make_visited_walls, stretches_at_walls
 from packmech.effects import (
     Bonds,
     Langevin,
@@ -220,6 +220,11 @@ class Engine:
         """The faces of walls that move; None where all stand still."""
         found: Faces | None = faces_of(self.acting.walls)
         return found
+
+    @property
+    def is_crowded(self) -> bool:
+        """Whether a sphere has touched a rough surface of triangles at more places than it has springs for."""
+        return is_crowded(self.acting.walls)
 
     @property
     def rule(self) -> Rule:

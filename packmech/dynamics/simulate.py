@@ -114,7 +114,8 @@ def simulate(
     Simulation
         Outcome.FINISHED; Outcome.STEP_TOO_LONG, and the last good state, where links were lost, something moved by
         the smallest diameter in one step, or energy grew by more than work, kinetic and potential energy explain (in a
-        box that deforms, as far as the observed stresses give its work).
+        box that deforms, as far as the observed stresses give its work). Outcome.WALLS_MET where walls that move met,
+        Outcome.TOO_MANY_TOUCHES where a sphere touched a rough surface at too many places.
 
     Raises
     ------

@@ -678,6 +678,8 @@ class SimulationTask:
             return Outcome.STEP_TOO_LONG
         if self.faces is not None and not self.faces.have_room():
             return Outcome.WALLS_MET
+        if self.engine.is_crowded:
+            return Outcome.TOO_MANY_TOUCHES
         self._keep(now)
         return None
 

@@ -63,6 +63,8 @@ class Spans:
         Steps taken.
     ledger
         Where the energy went, if it is kept.
+    is_crowded
+        Whether the last span was given up as a sphere touched a rough surface at more places than it has springs for.
     stress_dd
         (d, d) stress now, links', kinetic and torques' parts included; tension positive [energy/length^d].
 
@@ -78,6 +80,7 @@ class Spans:
         ledger: bool = False,
     ) -> None:
         self.scene, self.dt, self.steps = scene, dt, 0
+        self.is_crowded = False
         self._keeps_ledger = ledger
         # the engine whose book is the last, and where the tangential springs of bonds are
         self._booked: Engine | None = None
@@ -102,7 +105,9 @@ class Spans:
             self.scene = before.replace(packing=strained)
         engine = self._engine(rate_dd, steps)
         self._limits = engine.limits()
-        if engine.advance(steps) != RUNNING:
+        status = engine.advance(steps)
+        self.is_crowded = engine.is_crowded
+        if status != RUNNING or self.is_crowded:
             self.scene = before
             return False
         self.steps += steps

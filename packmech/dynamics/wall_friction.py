@@ -1,13 +1,19 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """What walls do across: friction, and resistance to rolling and twisting; and all that walls do that move.
 
-Walls that stand still push by `Walls.body_force`, and are visited here only where they are rough. A contact with a wall
+Walls that stand still push by `Walls.body_force`, surfaces of triangles by that of `MeshRows`, and both are visited
+here only where they are rough. A contact with a wall
 slips as one with a row of no spin would, which moves as the wall does and whose arm is nothing: i is the particle, n
 points to the wall.
+
+Springs at a surface are known by the direction to where it is touched, which is kept beside them: as a sphere goes from
+one triangle of a plane to the next, or over an edge, the direction stays or turns, and the spring goes along. A contact
+that is nearest to none of the step before begins slack.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,10 +21,12 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.contacts.triangles import EDGE, FACE, first_near, next_near, touch_of_triangle
 from packmech.dynamics.contact_records import write_springs
 from packmech.dynamics.faces import PLACE, VELOCITY, clear_faces, load_face, make_faces
 from packmech.dynamics.friction import (
     Pull,
+    Slip,
     Slipping,
     Spring,
     add_force,
@@ -31,11 +39,14 @@ from packmech.dynamics.friction import (
     turns_at,
 )
 from packmech.effects import (
+    AHEAD,
+    SAME_DIRECTION,
     SIDES,
     ConstantRolling,
     DampingRatio,
     Friction,
     KindWalls,
+    MeshWalls,
     Mindlin,
     RoughContacts,
     ViscousRolling,
@@ -50,7 +61,7 @@ from packmech.effects.friction import mindlin_stiffness
 from packmech.effects.pair import TouchingPair
 from packmech.effects.partners import equal_partners
 from packmech.jit.by_type import by_type
-from packmech.jit.compiled import inlined, lean
+from packmech.jit.compiled import device, inlined, lean
 
 
 class RoughWall(NamedTuple):
@@ -69,10 +80,25 @@ class MovingWall(NamedTuple):
     first: int
 
 
+class RoughMesh(NamedTuple):
+    """A rough surface of triangles, what acts across contacts with it, and how many of a sphere it has springs for.
+
+    room_bsk holds the contacts of the row that a block is at, by the columns below, then their springs; crowded_b is 1
+    where a row of the block had more of them than there is room for.
+    """
+
+    wall: Any
+    rough: Any
+    slots: int
+    room_bsk: Any
+    crowded_b: Any
+
+
 class VisitedWalls(NamedTuple):
     """The walls that rows are walked past, the stretches of the springs of each row, and the faces that move.
 
-    Of each wall low, then high; faces are None where all stand still.
+    Of each wall low, then high; of each surface its slots, directions before springs. Faces are None where all stand
+    still.
     """
 
     walls: Any
@@ -104,13 +130,42 @@ class MovingTouch(NamedTuple):
     face: int
 
 
+class MeshTouch(NamedTuple):
+    """The same with a surface of triangles, which stands still, and how the direction turns as the row moves.
+
+    By `bend` times the velocity across the direction [1/length], over an edge without the part along the edge (a, b,
+    c).
+    """
+
+    x: float
+    y: float
+    z: float
+    rho: float
+    sigma: float
+    bend: float
+    a: float
+    b: float
+    c: float
+
+
+# columns of a contact with a surface in `RoughMesh.room_bsk`: direction to it, distance, `bend`, direction of an edge
+_DISTANCE, _BEND, _ALONG, _SPRING = 3, 4, 5, 8
+# the same of a contact that is none of the step before, but the nearest of those that are left: contacts within ten
+# degrees count as one, that with the next facet once it is nearer
+_NEXT = math.cos(math.radians(15.0))
+
+
 def make_visited_walls(
-    walls: tuple[Walls, ...], box: Box, kind_n: NDArray[np.int64], axes: tuple[int, ...], blocks: int
+    walls: tuple[Any, ...], box: Box, kind_n: NDArray[np.int64], axes: tuple[int, ...], blocks: int
 ) -> VisitedWalls | None:
     """Return rough walls and walls that move, for rows of (N,) kinds, with slack springs; None where there are none."""
-    faces, first = make_faces(walls, box, blocks), 0
-    found: list[MovingWall | RoughWall] = []
+    faces, first = make_faces(tuple(one for one in walls if isinstance(one, Walls)), box, blocks), 0
+    found: list[MovingWall | RoughMesh | RoughWall] = []
     for one in walls:
+        if isinstance(one, MeshWalls):
+            room = np.zeros((blocks, one.slots, _SPRING + len(spring_columns(one.roughness, axes))))
+            found.append(RoughMesh(one.rows, one.roughness, one.slots, room, np.zeros(blocks, dtype=np.int64)))
+            continue
         wall = walls_by_rows(one.still, kind_n)
         # of walls that differ by kinds the first one's says which springs there are
         rough = wall.roughs[0] if isinstance(wall, KindWalls) else one.roughness
@@ -119,8 +174,14 @@ def make_visited_walls(
             first += SIDES
         else:
             found.append(RoughWall(wall, rough))
-    columns = sum(SIDES * len(spring_columns(one.rough, axes)) for one in found)
+    columns = sum(_columns_of(one, axes) for one in found)
     return VisitedWalls(tuple(found), np.zeros((len(kind_n), columns)), faces) if found else None
+
+
+def is_crowded(visited: VisitedWalls | None) -> bool:
+    """Return whether a sphere touched a rough surface of triangles at more places than it has springs for."""
+    meshes = () if visited is None else (one for one in visited.walls if isinstance(one, RoughMesh))
+    return any(bool(one.crowded_b.any()) for one in meshes)
 
 
 @inlined
@@ -259,6 +320,32 @@ _turns_at_wall = by_type(_no_turns, {RoughContacts: _turns})
 
 
 @inlined
+def _slip_on_plane(touch, axes, u, wi):
+    # no line of centers turns: the distance of the slip is left out
+    here = WallTouch(touch.x, touch.y, touch.z, 0.0, 0.0)
+    return slip_of_round(axes, here, (0.5 * touch.rho, 0.0), u, wi, (0.0, 0.0, 0.0))
+
+
+@inlined
+def _slip_on_mesh(touch, axes, u, wi):
+    slip = _slip_on_plane(touch, axes, u, wi)
+    nx, ny, nz = slip.nx, slip.ny, slip.nz
+    ux, uy, uz = u
+    along = ux * touch.a + uy * touch.b + uz * touch.c
+    ux, uy, uz = ux - along * touch.a, uy - along * touch.b, uz - along * touch.c
+    return Slip(
+        nx, ny, nz, slip.lever_i, slip.lever_j, slip.sx, slip.sy, slip.sz,
+        slip.ox + touch.bend * (ny * uz - nz * uy),
+        slip.oy + touch.bend * (nz * ux - nx * uz),
+        slip.oz + touch.bend * (nx * uy - ny * ux),
+    )  # fmt: skip
+
+
+# how a row slips on what it touches, which moves at u relative to it
+_slip = by_type(_slip_on_plane, {MeshTouch: _slip_on_mesh})
+
+
+@inlined
 def slipping_at_wall(one, axes, state, i, touch):
     """Return how a row that touches a wall slips on it, and the normal force."""
     body, wall, rough = state.body, _wall_at(one.wall, one.rough, i), _rough_at(one.wall, one.rough, i)
@@ -266,10 +353,7 @@ def slipping_at_wall(one, axes, state, i, touch):
     rate = _rate_of(touch, u)
     here = _friction_here(rough, wall, touch, rate, 0.5 * state.mass_n[i])
     wi = spin_of_round(axes, body, i)
-    # no line of centers turns: the distance of the slip is left out
-    slip = slip_of_round(
-        axes, WallTouch(touch.x, touch.y, touch.z, 0.0, 0.0), (0.5 * touch.rho, 0.0), u, wi, (0.0, 0.0, 0.0)
-    )
+    slip = _slip(touch, axes, u, wi)
     normal = abs(law_first(wall.law, touch.rho, equal_partners(touch.sigma)))
     return Slipping(here, slip, _turns_at_wall(rough, axes, wi, slip)), normal
 
@@ -290,18 +374,141 @@ def _not_in_python(visitor: Any, one: Any, axes: Any, state: Any, i: Any, touch:
 # the value after the visit of a row at a side of a wall, where it touches it and where it does not; the spring is where
 # its stretches begin: (visitor, wall, axes, state, row, touch, spring, value) -> value
 visit_wall = by_type(_not_in_python)
+# what becomes of the springs of a contact with a surface of triangles that is open: (visitor, surface, axes, spring)
+let_go = by_type(lambda visitor, one, axes, spring: None)
 
 
 @inlined
-def walk_walls(visitor, rough, axes, state, stretch_nk, rows, value):
-    """Visit each row of a range at each side of each wall."""
+def _visit_sides(one, visitor, axes, state, stretch_nk, i, column, b, value):
+    for side in range(SIDES):
+        touch = _touch(one, state.body, i, side)
+        value = visit_wall(visitor, one, axes, state, i, touch, Spring(stretch_nk, i, column), value)
+        column += len(spring_columns(one.rough, axes))
+    return value
+
+
+@device
+def _find_touches(one, body, i, b):
+    """Write the contacts of a row with a surface into the room of a block; return how many there are."""
+    room, triangles, found = one.room_bsk, one.wall.triangles, 0
+    near = first_near(triangles, body[i, 0], body[i, 1], body[i, 2], body[i, 3])
+    while near.number >= 0:
+        touch = touch_of_triangle(triangles, near)
+        if touch.touches and found < one.slots:
+            edge = 1.0 if touch.part == EDGE else 0.0
+            for a in range(3):
+                room[b, found, a] = -touch.n[a]
+                room[b, found, _ALONG + a] = edge * touch.along[a]
+            room[b, found, _DISTANCE] = touch.distance
+            room[b, found, _BEND] = 1.0 / touch.distance if touch.part != FACE else 0.0
+            found += 1
+        elif touch.touches:
+            one.crowded_b[b] = 1
+        near = next_near(triangles, near)
+    return found
+
+
+@device
+def _is_held(stretch_nk, i, column):
+    """Whether a contact is remembered here: its direction is a unit vector, or else zero."""
+    return stretch_nk[i, column] != 0.0 or stretch_nk[i, column + 1] != 0.0 or stretch_nk[i, column + 2] != 0.0
+
+
+@device
+def _count_held(one, stretch_nk, i, first, width):
+    held = 0
+    while held < one.slots and _is_held(stretch_nk, i, first + held * width):
+        held += 1
+    return held
+
+
+@device
+def _nearest_held(one, stretch_nk, i, first, width, held, b, t, least):
+    """Return which of the contacts held is nearest in direction to contact t of now, beyond a cosine; -1 if none."""
+    found = -1
+    for s in range(held):
+        k = first + s * width
+        x, y, z = stretch_nk[i, k], stretch_nk[i, k + 1], stretch_nk[i, k + 2]
+        cosine = x * one.room_bsk[b, t, 0] + y * one.room_bsk[b, t, 1] + z * one.room_bsk[b, t, 2]
+        if cosine > least:
+            least, found = cosine, s
+    return found
+
+
+@device
+def _take_springs(one, stretch_nk, i, first, width, held, b, found):
+    """Give the contacts of now the springs of those held that they are, which are held no longer; others are slack."""
+    room = one.room_bsk
+    for t in range(found):
+        for k in range(AHEAD, width):
+            room[b, t, _SPRING + k - AHEAD] = 0.0
+    # one bit for each
+    given = 0
+    for least in (SAME_DIRECTION, _NEXT):
+        for t in range(found):
+            s = -1
+            if not given & (1 << t):
+                s = _nearest_held(one, stretch_nk, i, first, width, held, b, t, least)
+            if s >= 0:
+                given |= 1 << t
+                for k in range(AHEAD, width):
+                    room[b, t, _SPRING + k - AHEAD] = stretch_nk[i, first + s * width + k]
+                for k in range(width):
+                    stretch_nk[i, first + s * width + k] = 0.0
+
+
+@device
+def _hold(one, stretch_nk, i, first, width, held, b, found):
+    """Remember the contacts of now, in the order in which they were found, with their springs."""
+    room = one.room_bsk
+    for t in range(found):
+        for k in range(width):
+            stretch_nk[i, first + t * width + k] = room[b, t, k if k < AHEAD else _SPRING + k - AHEAD]
+    for k in range(first + found * width, first + held * width):
+        stretch_nk[i, k] = 0.0
+
+
+@inlined
+def _touch_of_room(one, body, i, b, t):
+    room = one.room_bsk
+    return MeshTouch(
+        room[b, t, 0], room[b, t, 1], room[b, t, 2], 2.0 * room[b, t, _DISTANCE], 2.0 * body[i, 3], room[b, t, _BEND],
+        room[b, t, _ALONG], room[b, t, _ALONG + 1], room[b, t, _ALONG + 2],
+    )  # fmt: skip
+
+
+@inlined
+def _visit_surface(one, visitor, axes, state, stretch_nk, i, first, b, value):
+    body, width = state.body, AHEAD + len(spring_columns(one.rough, axes))
+    found, held = _find_touches(one, body, i, b), _count_held(one, stretch_nk, i, first, width)
+    _take_springs(one, stretch_nk, i, first, width, held, b, found)
+    for s in range(held):
+        if _is_held(stretch_nk, i, first + s * width):
+            let_go(visitor, one, axes, Spring(stretch_nk, i, first + s * width + AHEAD))
+    _hold(one, stretch_nk, i, first, width, held, b, found)
+    for t in range(found):
+        spring = Spring(stretch_nk, i, first + t * width + AHEAD)
+        value = visit_wall(visitor, one, axes, state, i, _touch_of_room(one, body, i, b, t), spring, value)
+    return value
+
+
+# the value after the visits of a row at all contacts that it may have with a wall, whose first column is given
+_visit_all = by_type(_visit_sides, {RoughMesh: _visit_surface})
+# how many columns the springs of a row at a wall take
+_columns_of = by_type(
+    lambda one, axes: SIDES * len(spring_columns(one.rough, axes)),
+    {RoughMesh: lambda one, axes: one.slots * (AHEAD + len(spring_columns(one.rough, axes)))},
+)
+
+
+@inlined
+def walk_walls(visitor, rough, axes, state, stretch_nk, rows, b, value):
+    """Visit each row of a range, which block b has room for, at each side of each wall and where it touches meshes."""
     for i in range(np.uint64(rows[0]), np.uint64(rows[1])):
         column = 0
         for one in literal_unroll(rough.walls):
-            for side in range(SIDES):
-                touch = _touch(one, state.body, i, side)
-                value = visit_wall(visitor, one, axes, state, i, touch, Spring(stretch_nk, i, column), value)
-                column += len(spring_columns(one.rough, axes))
+            value = _visit_all(one, visitor, axes, state, stretch_nk, i, column, b, value)
+            column += _columns_of(one, axes)
     return value
 
 
@@ -363,7 +570,7 @@ def _nothing(visited, axes, state, pace, rows, b):
 @inlined
 def _push(visited, axes, state, pace, rows, b):
     clear_faces(visited.faces, b)
-    walk_walls(_Pushing(pace, b), visited, axes, state, visited.stretch_nk, rows, 0)
+    walk_walls(_Pushing(pace, b), visited, axes, state, visited.stretch_nk, rows, b, 0)
 
 
 @inlined
@@ -464,7 +671,7 @@ def _sum_push(summing, one, axes, state, i, touch, spring, value):
 @inlined
 def _sum_pushes(faces, visited, axes, state):
     rows = 0, state.body.shape[0]
-    return walk_walls(_SummingPushes(), visited, axes, state, visited.stretch_nk, rows, 0.0)
+    return walk_walls(_SummingPushes(), visited, axes, state, visited.stretch_nk, rows, 0, 0.0)
 
 
 _pushes_of = by_type(_sum_pushes, {type(None): lambda faces, visited, axes, state: 0.0})
@@ -478,7 +685,7 @@ def _no_sums(rough, axes, state, now):
 @inlined
 def _sum_energy(rough, axes, state, now):
     rows = 0, state.body.shape[0]
-    return walk_walls(_Summing(now), rough, axes, state, rough.stretch_nk, rows, (0.0, 0.0))
+    return walk_walls(_Summing(now), rough, axes, state, rough.stretch_nk, rows, 0, (0.0, 0.0))
 
 
 class _Writing(NamedTuple):
@@ -508,7 +715,7 @@ def _write_row(writing, one, axes, state, i, touch, spring, value):
 @lean
 def _write_down(rough, axes, state, now, stretch_nk):
     rows = 0, state.body.shape[0]
-    walk_walls(_Writing(now, stretch_nk), rough, axes, state, rough.stretch_nk, rows, 0)
+    walk_walls(_Writing(now, stretch_nk), rough, axes, state, rough.stretch_nk, rows, 0, 0)
 
 
 def stretches_at_walls(system: Any, now: Any) -> NDArray[np.float64]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from packmech.effects.body import (
+    AHEAD,
     PER_KIND,
     ROUGHNESS,
+    SAME_DIRECTION,
     SIDES,
     SIGNED,
     BackgroundDamping,
@@ -147,6 +149,7 @@ from packmech.effects.single import (
 from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 
 __all__ = [
+    "AHEAD",
     "BY_KIND",
     "ByKind",
     "KindWalls",
@@ -188,6 +191,7 @@ __all__ = [
     "PlateauRepulsion",
     "PowerLaw",
     "ROUGHNESS",
+    "SAME_DIRECTION",
     "Repulsion",
     "RepulsiveLennardJones",
     "Restitution",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -33,6 +34,10 @@ from packmech.packing import Packing
 
 # of each `Walls`, low and high
 SIDES = 2
+# numbers before those of the springs of a contact with a surface of triangles: the direction to it
+AHEAD = 3
+# cosine of the angle between directions below which a contact with a surface is the same: no two at once are that near
+SAME_DIRECTION = math.cos(math.radians(5.0))
 # what acts across contacts, by the names that walls give it
 ROUGHNESS: dict[str, tuple[type, ...]] = {
     "friction": (Friction,),
@@ -383,32 +388,41 @@ def walls_by_rows(wall: Walls, kind_n: NDArray[np.int64]) -> Walls | KindWalls:
     return KindWalls(of_kinds, tuple(roughs), kind_n)
 
 
-def rough_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:
-    """Return the walls with friction, or with resistance to rolling or twisting, among the effects."""
-    return tuple(one for one in effects if isinstance(one, Walls) and one.roughness is not None)
+def is_walls(effect: Any) -> bool:
+    """Return whether an effect is `Walls` or a surface of triangles, which may be rough."""
+    return isinstance(effect, Walls) or getattr(effect, "acts_as", None) == "mesh"
 
 
-def visited_walls(effects: tuple[Any, ...]) -> tuple[Walls, ...]:
+def rough_walls(effects: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return the walls and surfaces with friction, or with resistance to rolling or twisting, among the effects."""
+    return tuple(one for one in effects if is_walls(one) and one.roughness is not None)
+
+
+def visited_walls(effects: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the walls that push rows by more than a still and smooth one does: rough ones, and those that move."""
-    return tuple(one for one in effects if isinstance(one, Walls) and (one.roughness is not None or one.moves))
+    return tuple(one for one in effects if is_walls(one) and (one.roughness is not None or one.moves))
 
 
-def wall_columns(walls: tuple[Walls, ...], dimension: int) -> tuple[list[int], int]:
+def wall_columns(walls: tuple[Any, ...], dimension: int) -> tuple[list[int], int]:
     """Return which columns of `TangentialDisplacements.wall_stretch_wk` rough walls use, and how many there are.
 
-    Of each wall, low before high: sliding (1 or 3), `Mindlin`'s stiffness, rolling (1 or 3), and twisting.
+    Of each wall, low before high: sliding (1 or 3), `Mindlin`'s stiffness, rolling (1 or 3), and twisting. Of a surface
+    of triangles the same for each of its slots, after the direction to the contact (3).
     """
     used: list[int] = []
-    turns = 1 if dimension == 2 else 3
-    width = 2 * turns + 2
-    for k, one in enumerate(wall for wall in walls for _ in range(SIDES)):
-        rough, first = springs_of(one.roughness), k * width
+    turns, first = 1 if dimension == 2 else 3, 0
+    for one in walls:
+        slots, ahead = (SIDES, 0) if isinstance(one, Walls) else (one.slots, AHEAD)
+        rough = springs_of(one.roughness)
         friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
-        used += range(first, first + turns)
-        used += [first + turns] if friction and isinstance(friction.stiffness, Mindlin) else []
-        used += range(first + turns + 1, first + 2 * turns + 1) if rolling else []
-        used += [first + width - 1] if twisting else []
-    return used, SIDES * width * len(walls)
+        for _ in range(slots):
+            used += range(first, first + ahead + turns)
+            first += ahead + turns
+            used += [first] if friction and isinstance(friction.stiffness, Mindlin) else []
+            used += range(first + 1, first + turns + 1) if rolling else []
+            used += [first + turns + 1] if twisting else []
+            first += turns + 2
+    return used, first
 
 
 def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
@@ -426,20 +440,14 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
             raise ValueError(
                 f"effects[{k}] must be no MeshWalls for {what}: they take spheres, got {len(one)} triangles"
             )
-        if getattr(one, "acts_as", None) == "mesh" and one.friction is None:
-            rough = tuple(kind for kinds in ROUGHNESS.values() for kind in kinds)
-            found = next((m for m, other in enumerate(effects) if isinstance(other, rough)), None)
-            if found is not None:
-                raise ValueError(
-                    f"effects[{k}].friction of MeshWalls must be Friction(0.0) where contacts have "
-                    f"{type(effects[found]).__name__} (effects[{found}]), as the surface is smooth, got None"
-                )
-        if getattr(one, "acts_as", None) != "walls":
+        # of a surface Friction(0.0) alone says that it is smooth
+        smooth = getattr(one, "acts_as", None) == "mesh" and one.friction is not None and one.roughness is None
+        if smooth or getattr(one, "acts_as", None) not in ("walls", "mesh"):
             continue
         for name, kinds in ROUGHNESS.items():
             found = next((m for m, other in enumerate(effects) if isinstance(other, kinds)), None)
             kind = kinds[0] if found is None else type(effects[found])
-            if found is not None and not isinstance(one, Walls):
+            if found is not None and not is_walls(one):
                 raise ValueError(
                     f"effects must hold no {type(one).__qualname__} beside {kind.__name__}, which would have no part "
                     f"in what walls do, got them at {k} and {found}: take pm.Walls, or held particles "
@@ -447,7 +455,7 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
                 )
             if found is not None and getattr(one, name) is None:
                 raise ValueError(
-                    f"effects[{k}].{name} of Walls must be given where contacts have {kind.__name__} "
+                    f"effects[{k}].{name} of {type(one).__name__} must be given where contacts have {kind.__name__} "
                     f"(effects[{found}]), got None: {name}=pm.{kind.__name__}(...), or pm.{kind.__name__}(0.0) for "
                     "walls without"
                 )

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
@@ -21,15 +22,18 @@ from packmech.contacts.triangles import (
     next_near,
     touch_of_triangle,
 )
-from packmech.effects.body import Walls, first_on_wall, walls_by_rows
+from packmech.effects.body import ROUGHNESS, Walls, first_on_wall, walls_by_rows
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction
 from packmech.effects.laws import Law, LinearSpring, law_energy, law_first, law_second
 from packmech.effects.pair import bound_effect, inner_record, plain_record
 from packmech.effects.partners import equal_partners
+from packmech.effects.rolling import Rolling, RoughContacts, TwistingResistance
 
 # area of a triangle over the square of the mesh's extent below which it is none
 _FLAT = 1e-14
+# places of a rough surface at which a sphere may touch it at once
+_SLOTS = 16
 
 
 @inner_record
@@ -106,7 +110,15 @@ class MeshWalls:
     a facet, by more than 1 - cos(a), meets the next one of a groove of angle a at once with a force, not from zero on,
     and a run gains or loses that energy: a stiffer law, or a finer surface, mends it.
 
-    Smooth, and at rest. The surface is not repeated with the box, and periodic images do not touch it: spheres meet it
+    Friction, and resistance to rolling and twisting, are as on `Walls`: the slip is that of the sphere's surface where
+    it touches, the arm its distance from there. A contact that goes on over the edge between two triangles keeps its
+    springs, which turn with its direction; so does one that goes over to the next facet of a surface bent in by less
+    than ten degrees. One at another side of a groove has springs of its own. A sphere has them at up to 16 places of a
+    rough surface: a run in which one touches it at more, as on the tip of a cone of many facets, ends with
+    `Outcome.TOO_MANY_TOUCHES`. A scene whose contacts have friction, or resist rolling, must say what its surfaces do:
+    Friction(0.0) makes them smooth.
+
+    At rest. The surface is not repeated with the box, and periodic images do not touch it: spheres meet it
     where their positions say, inside the cell or not. It takes spheres.
 
     Parameters
@@ -120,7 +132,10 @@ class MeshWalls:
     damping
         Coefficient of a dashpot [mass/time], or one such as `Restitution`.
     friction
-        Friction(0.0) says that the surface is smooth, where contacts of particles have friction or resist rolling.
+        `Friction` of the surface; none unless given.
+    rolling, twisting
+        `RollingResistance`, `ConstantRolling` or `ViscousRolling`, and `TwistingResistance` of the surface; none unless
+        given.
 
     Raises
     ------
@@ -142,7 +157,10 @@ class MeshWalls:
     law: Law = LinearSpring()
     damping: float | ContactDamping | Restitution | ViscoelasticDamping = 0.0
     friction: Friction | None = None
+    rolling: Rolling | None = None
+    twisting: TwistingResistance | None = None
 
+    moves: ClassVar[bool] = False
     acts_as: ClassVar[str] = "mesh"
 
     def __post_init__(self) -> None:
@@ -163,8 +181,9 @@ class MeshWalls:
             array.setflags(write=False)
         object.__setattr__(self, "vertices", vertex)
         object.__setattr__(self, "triangles", number)
-        if self.friction is not None and not (isinstance(self.friction, Friction) and self.friction.coefficient == 0.0):
-            raise ValueError(f"friction must be Friction(0.0) or None, as the surface is smooth, got {self.friction!r}")
+        fault = self.flat.fault()
+        if fault:
+            raise ValueError(fault)
 
     def __len__(self) -> int:
         return len(self.corner_tcd)
@@ -177,7 +196,30 @@ class MeshWalls:
 
     def _compared(self) -> tuple[Any, ...]:
         vertex, number = np.asarray(self.vertices), np.asarray(self.triangles)
-        return vertex.tobytes(), number.tobytes(), self.law, self.damping, self.friction
+        return vertex.tobytes(), number.tobytes(), self.law, self.damping, *self._across
+
+    @property
+    def _across(self) -> tuple[Any, ...]:
+        return tuple(getattr(self, name) for name in ROUGHNESS)
+
+    @property
+    def acts_also(self) -> tuple[str, ...]:
+        """Columns of the table of effects beside "mesh"."""
+        return () if self.roughness is None else ("rough",)
+
+    @property
+    def roughness(self) -> Friction | RoughContacts | None:
+        """What acts across contacts with the surface; None where it is smooth."""
+        return self.flat.roughness
+
+    @property
+    def slots(self) -> int:
+        """Number of places at which a sphere may touch it at once where it is rough."""
+        return min(len(self), _SLOTS)
+
+    def resistances(self, radii: Iterable[float], mass: float) -> list[Any]:
+        """Return what acts across contacts of particles of these radii, as of `Walls`."""
+        return self.flat.resistances(radii, mass)
 
     @cached_property
     def corner_tcd(self) -> NDArray[np.float64]:
@@ -194,7 +236,7 @@ class MeshWalls:
     @property
     def flat(self) -> Walls:
         """Flat walls that do the same to what touches them."""
-        return Walls._make((0.0, 0.0, 1.0, self.law, self.damping, *(None,) * 5))
+        return Walls._make((0.0, 0.0, 1.0, self.law, self.damping, *self._across, None, None))
 
     def body_energy(self, x: float, y: float, z: float, mass: float, radius: float) -> float:
         """Return the energy of a particle [energy]."""

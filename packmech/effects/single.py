@@ -10,12 +10,13 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.calls.honors import columns_of
+from packmech.contacts.triangles import surface_touches
 from packmech.contacts.wall_touches import WallTouches, wall_touches
 from packmech.effects.body import Gravity, KindWalls, Walls, body_energy, body_force, body_second
 from packmech.effects.friction import Friction
 from packmech.effects.held import FixedParticles
 from packmech.effects.kinds import LawPerKind, kinds_by_rows, number_at
-from packmech.effects.mesh import in_loops
+from packmech.effects.mesh import MeshWalls, in_loops
 from packmech.effects.pair import ContactTerms, contact_terms, equal_touches
 from packmech.effects.repulsion import Repulsion
 from packmech.jit.by_type import by_type
@@ -310,11 +311,11 @@ def refuse_beside_superellipsoids(effects: tuple[Any, ...], packing: Packing) ->
 class WallSide(NamedTuple):
     """What touches one of two walls: place of the effect among all, the walls, 1 for that below or -1, touches, kinds.
 
-    kind_w are the (W,) kinds of the particles that touch it.
+    Of a surface of triangles, which is of one side, the number is 0. kind_w are the (W,) kinds of the particles.
     """
 
     place: int
-    wall: Walls
+    wall: Any
     below: float
     touches: WallTouches
     kind_w: NDArray[np.int64]
@@ -339,18 +340,52 @@ class WallSide(NamedTuple):
         coefficient = 0.0 if friction is None else number_at(friction.coefficient, self.kind_w)
         return np.broadcast_to(np.asarray(coefficient, dtype=np.float64), len(self.touches))
 
+    @property
+    def is_first(self) -> bool:
+        """Whether it is the first or only side of its effect."""
+        return self.below >= 0.0
+
+    @property
+    def steepness_w(self) -> NDArray[np.float64]:
+        """The (W,) sizes of the slopes of the distances with the image [1]."""
+        if not self.below:
+            return np.full(len(self.touches), 2.0)
+        return np.abs(self.touches.slope_wx[:, int(self.wall.axis)])
+
+    def normal_wd(self, dimension: int) -> NDArray[np.float64]:
+        """Return the (W, d) directions from the particles to the wall [1]."""
+        if not self.below:
+            return -0.5 * self.touches.slope_wx[:, :dimension]
+        normal = np.zeros((len(self.touches), dimension))
+        normal[:, int(self.wall.axis)] = -self.below
+        return normal
+
+
+def _touches_of(
+    wall: Walls | MeshWalls, packing: Packing, place_n3: NDArray[np.float64]
+) -> list[tuple[float, WallTouches]]:
+    """Return what touches either of two walls, or a surface, by the number that stands for it in `WallSide`."""
+    if isinstance(wall, MeshWalls):
+        return [(0.0, surface_touches(wall.rows.triangles, place_n3, packing.radius_n))]
+    axis = int(wall.axis)
+    heights = (1.0, place_n3[:, axis] - wall.low), (-1.0, wall.high - place_n3[:, axis])
+    return [(below, wall_touches(packing, height, axis, below)) for below, height in heights]
+
+
+def flat_sides(effects: tuple[Any, ...], packing: Packing) -> list[WallSide]:
+    """Return what touches each flat wall, that below before that above."""
+    return wall_sides(tuple(one if isinstance(one, Walls) else None for one in effects), packing)
+
 
 def wall_sides(effects: tuple[Any, ...], packing: Packing) -> list[WallSide]:
-    """Return what touches each wall, that below before that above."""
-    place, kind_n = None, kinds_by_rows(packing)
-    found = []
-    for k, one in enumerate(effects):
-        if isinstance(one, Walls):
-            place = places_in_cell(effects, packing) if place is None else place
-            axis = int(one.axis)
-            for side, height in ((1.0, place[:, axis] - one.low), (-1.0, one.high - place[:, axis])):
-                touches = wall_touches(packing, height, axis, side)
-                found.append(WallSide(k, one, side, touches, kind_n[touches.particle_w]))
+    """Return what touches each wall, that below before that above, and each surface of triangles."""
+    found: list[WallSide] = []
+    walls = [(k, one) for k, one in enumerate(effects) if isinstance(one, Walls | MeshWalls)]
+    place = places_in_cell(effects, packing) if walls else np.zeros((0, 3))
+    kind_n = kinds_by_rows(packing)
+    for k, one in walls:
+        for below, touches in _touches_of(one, packing, place):
+            found.append(WallSide(k, one, below, touches, kind_n[touches.particle_w]))
     return found
 
 
@@ -373,7 +408,7 @@ def shaped_terms(effects: tuple[Any, ...], packing: Packing) -> ShapedTerms:
     slope[:, :d] = -others.force_nd
     second[:, :d, :d] = stiffness[:, :d, :d] = others.second_ndd
     push_kn: dict[int, NDArray[np.float64]] = {}
-    for side in wall_sides(effects, packing):
+    for side in flat_sides(effects, packing):
         k, wall, touches, terms = side.place, side.wall, side.touches, side.terms()
         # half of what the particle and its mirror image have together
         first, steep = 0.5 * terms.first_c, 0.5 * terms.second_c

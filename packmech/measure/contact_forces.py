@@ -380,7 +380,8 @@ class ContactForces:
         for side in wall_sides(effects, packing) if rough_walls(effects) else ():
             rough = side.wall.roughness
             held = side.touches.particle_w[(side.coefficient_w > 0.0) | isinstance(rough, RoughContacts)]
-            count[held] += 1
+            # a surface may touch a sphere at several places
+            np.add.at(count, held, 1)
             resisting[held] |= isinstance(springs_of(rough), RoughContacts)
         return np.asarray((count == 2) & ~resisting & ~self.rattlers_n & (self.contacts.dimension == 3))
 
@@ -472,7 +473,11 @@ def _coefficients(scene: Scene, contacts: Contacts | ShapeContacts) -> Any:
     return number_at(friction_or_zero(scene.effects).coefficient, contacts.kinds_c)
 
 
-@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True, link_tolerance=STRAINED)
+@honors(
+    "repulsion kinds friction rolling gravity walls held links shapes rough mesh",
+    at_rest=True,
+    link_tolerance=STRAINED,
+)
 def contact_forces(scene: Scene) -> ContactForces:
     """Return the forces of all touching pairs of a scene at rest, friction included, and counts made of them.
 
@@ -593,7 +598,7 @@ def contact_stress(contacts: Contacts, first_c: NDArray[np.float64], volume: flo
 
 
 @honors(
-    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough",
+    "repulsion kinds friction rolling bonds interactions gravity walls held links shapes breaking memory rough mesh",
     at_rest=True,
     link_tolerance=STRAINED,
 )

@@ -11,7 +11,8 @@ from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.wall_elements import WallSprings
 from packmech.effects import (
-    SIDES,
+    AHEAD,
+    SAME_DIRECTION,
     RoughContacts,
     WallSide,
     at_contact,
@@ -107,21 +108,31 @@ def wall_springs(packing: Packing, sides: list[WallSide]) -> WallSprings:
 
     """
     n, d, springs = packing.particles, packing.dimension, packing.tangential
-    rough = [one for one in sides if one.wall.roughness is not None]
-    # low and high of each
-    walls = tuple(one.wall for one in rough[::SIDES])
+    walls = tuple(one.wall for one in sides if one.is_first and one.wall.roughness is not None)
     _, columns = wall_columns(walls, d)
     stretch_nk = np.zeros((n, columns)) if springs is None or not walls else springs.at_walls(n, columns)
-    blocks = iter(np.split(stretch_nk, len(rough), axis=1) if rough else ())
+    width, first = 4 if d == 2 else 8, 0
     found = [WallSprings.smooth(np.zeros((0, d)))]
     for one in sides:
-        normal = np.zeros((len(one.touches), d))
-        normal[:, int(one.wall.axis)] = -one.below
+        normal, particle = one.normal_wd(d), one.touches.particle_w
         if one.wall.roughness is None:
             found.append(WallSprings.smooth(normal))
-        else:
-            found.append(_springs_at(one, normal, next(blocks)[one.touches.particle_w]))
+            continue
+        size = width if one.below else one.wall.slots * (AHEAD + width)
+        own = stretch_nk[particle, first : first + size]
+        found.append(_springs_at(one, normal, own if one.below else _in_direction(normal, own, width)))
+        first += size
     return WallSprings(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _in_direction(normal_wd: NDArray[np.float64], stretch_wk: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return the (W, width) columns of the slots that are known by the direction of each touch; zeros where none is."""
+    touches, columns = stretch_wk.shape
+    slot = stretch_wk.reshape(touches, columns // (AHEAD + width), AHEAD + width)
+    cosine = np.einsum("wsd,wd->ws", slot[:, :, :AHEAD], normal_wd)
+    nearest = cosine.argmax(axis=1)[:, None]
+    known = np.take_along_axis(cosine, nearest, axis=1) > SAME_DIRECTION
+    return np.asarray(known * np.take_along_axis(slot, nearest[:, :, None], axis=1)[:, 0, AHEAD:])
 
 
 def particles_at_walls(sides: list[WallSide]) -> NDArray[np.int64]:
@@ -131,7 +142,8 @@ def particles_at_walls(sides: list[WallSide]) -> NDArray[np.int64]:
 
 def _springs_at(side: WallSide, normal_wd: NDArray[np.float64], stretch_wk: NDArray[np.float64]) -> WallSprings:
     """Return what a side of rough walls does across, given the columns of its springs (`wall_columns`)."""
-    wall, touches, turns = side.wall, side.touches, 1 if normal_wd.shape[1] == 2 else 3
+    wall, touches, d = side.wall, side.touches, normal_wd.shape[1]
+    turns = 1 if d == 2 else 3
     rough: Any = springs_of(wall.roughness)
     terms = side.terms()
     push, steep = np.abs(terms.first_c), 2.0 * terms.second_c
@@ -159,6 +171,7 @@ def _springs_at(side: WallSide, normal_wd: NDArray[np.float64], stretch_wk: NDAr
         stiffness_w3=stiffness,
         coefficient_w=np.broadcast_to(np.asarray(here.coefficient, dtype=np.float64), len(touches)),
         energy_w=across.energy_c + rolled.energy_c + energy,
+        bend_wdd=np.zeros((*normal_wd.shape, d)) if side.below else 0.5 * touches.curvature_wxx[:, :d, :d],
     )
 
 

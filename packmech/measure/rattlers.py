@@ -149,7 +149,7 @@ def _wall_ends(packing: Packing, effects: tuple[Any, ...], friction: float, turn
         wall, touches = one.wall, one.touches
         n, slope = touches.particle_w, touches.slope_wx
         if friction > 0.0 and wall.roughness is not None:
-            spin, normal = packing.spin_nkk[n], -np.sign(slope[:, :d])
+            spin, normal = packing.spin_nkk[n], one.normal_wd(d)
             arm = 0.5 * touches.distance_w
             others = [
                 0.0 if each is None or isinstance(each, RollingDashpot) else each.coefficient / friction

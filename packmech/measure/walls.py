@@ -1,4 +1,4 @@
-"""Contacts with walls: which particle touches which wall, and how hard."""
+"""Contacts with walls and surfaces: which particle touches which wall, and how hard."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from packmech.scene import Scene
 class WallContacts(NamedTuple):
     """Contacts of particles with walls, sorted by effect, low wall before high one, and particle.
 
-    A rigid body has one for each bead that touches.
+    A rigid body has one for each bead that touches, a sphere one for each place of a surface of triangles.
 
     Attributes
     ----------
@@ -59,22 +59,21 @@ def wall_contacts_of(effects: tuple[Any, ...], packing: Packing) -> WallContacts
     sides = wall_sides(effects, packing)
     across_wd, first = wall_springs(packing, sides).force_wd, 0
     for one in sides:
-        k, wall, side, touches, terms = one.place, one.wall, one.below, one.touches, one.terms()
+        k, touches, terms = one.place, one.touches, one.terms()
         across = across_wd[first : first + len(touches)]
         first += len(touches)
         # the slope of half the energy of the particle and its mirror image
-        force = -0.5 * terms.first_c * np.abs(touches.slope_wx[:, int(wall.axis)])
+        force = -0.5 * terms.first_c * one.steepness_w
         kept = force != 0.0
         if held is not None:
             kept &= ~held[touches.particle_w]
-        normal = np.zeros((int(kept.sum()), d))
-        normal[:, int(wall.axis)] = -side * np.sign(force[kept])
+        normal = one.normal_wd(d)[kept] * np.sign(force[kept])[:, None]
         size = np.abs(force[kept])
         found.append(WallContacts(touches.particle_w[kept], np.full(len(normal), k), normal, size, across[kept]))
     return WallContacts(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
 
-@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling gravity walls held links shapes rough mesh", at_rest=True)
 def wall_contacts(scene: Scene) -> WallContacts:
     """Return which particles touch walls, and how hard; those that are held do not count.
 
@@ -83,7 +82,7 @@ def wall_contacts(scene: Scene) -> WallContacts:
     Parameters
     ----------
     scene
-        The scene; without `Walls` the answer is empty.
+        The scene; without `Walls` or `MeshWalls` the answer is empty.
 
     Raises
     ------

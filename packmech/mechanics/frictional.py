@@ -243,7 +243,7 @@ def find_sliding(scene: Scene, found: FrictionalNetwork, kind: Kind, strain_e: N
     return SlidingResponse(system, relaxation, sliding, False)
 
 
-@honors("repulsion kinds friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling bonds interactions gravity walls held links shapes rough mesh", at_rest=True)
 def stiffness_matrix(
     scene: Scene,
     strain: BoxStrain = "free",
@@ -261,8 +261,9 @@ def stiffness_matrix(
     where no contact carries a tangential force and none slides. Without friction, or with a coefficient of 0, its part
     for positions and strains is `hessian` where discs and spheres are not linked. Rotations are about the principal
     axes of the particles. Links, which are constraints, add what their forces do as they turn; bonds and interactions
-    beyond contact act as springs. Walls, rough ones too, and other potentials of single particles add to the blocks on
-    the diagonal; rows and columns of what is held are zero, and none of these follows a strain of the box.
+    beyond contact act as springs. Walls and surfaces, rough ones too, and other potentials of single particles add to
+    the blocks on the diagonal; rows and columns of what is held are zero, and none of these follows a strain of the
+    box.
 
     Parameters
     ----------
@@ -383,7 +384,7 @@ class FrictionalModes:
 
 
 @shown_as("frictional modes")
-@honors("repulsion kinds friction rolling bonds interactions gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling bonds interactions gravity walls held links shapes rough mesh", at_rest=True)
 def frictional_modes(
     scene: Scene,
     count: int | None = None,

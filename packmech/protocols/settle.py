@@ -35,7 +35,7 @@ _LITTLE = 1e-3
 _STRETCH, _STEADY = 100, 0.1
 
 
-@honors("repulsion kinds friction rolling gravity walls held links shapes rough", at_rest=True)
+@honors("repulsion kinds friction rolling gravity walls held links shapes rough mesh", at_rest=True)
 def settle(
     scene: Scene,
     *,
@@ -160,7 +160,7 @@ class _Settling:
         if steps <= 0:
             return Outcome.STEP_LIMIT
         if not self.spans.advance(np.zeros((self.packing.dimension, self.packing.dimension)), steps):
-            return Outcome.STEP_TOO_LONG
+            return Outcome.TOO_MANY_TOUCHES if self.spans.is_crowded else Outcome.STEP_TOO_LONG
         self.loop.report("settling", packing=self.packing, steps=self.spans.steps, residual=self.spans.residual)
         return Outcome.FINISHED
 

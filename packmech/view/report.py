@@ -19,6 +19,7 @@ from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.effects import (
     Friction,
     Gravity,
+    MeshWalls,
     RollingResistance,
     TwistingResistance,
     Walls,
@@ -354,7 +355,7 @@ def _supported(scene: Scene) -> dict[str, Any]:
     held, links = held_particles(scene.effects, packing.particles), packing.links
     held_n = np.zeros(packing.particles, dtype=bool) if held is None else held
     tied = bool((held_n[links.i_l] != held_n[links.j_l]).any())
-    walled = any(isinstance(one, Walls) for one in scene.effects)
+    walled = any(isinstance(one, Walls | MeshWalls) for one in scene.effects)
     if strength == 0.0 or tied or not (walled or held_n.any()):
         return {}
     on_held = -resting_forces(scene).reaction_nd.sum(axis=0)

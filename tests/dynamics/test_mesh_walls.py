@@ -242,10 +242,15 @@ def test_what_surfaces_are_not_for_is_refused_by_name():
     with pytest.raises(ValueError, match="triangles must name vertices below 3"):
         pm.MeshWalls([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 3]])
     rough = (PAIRS, pm.Friction(0.3))
-    with pytest.raises(ValueError, match=r"effects\[2\].friction of MeshWalls must be Friction\(0.0\) where contacts"):
+    with pytest.raises(
+        ValueError, match=r"effects\[2\].friction of MeshWalls must be given where contacts have Friction"
+    ):
         pm.Scene(balls([[2.0, 1.7, 1.6]]), (*rough, mesh))
-    with pytest.raises(ValueError, match="as the surface is smooth"):
-        pm.MeshWalls(*cube(), LAW, friction=pm.Friction(0.3))
+    with pytest.raises(
+        ValueError, match=r"effects\[3\].rolling of MeshWalls must be given where contacts have Rolling"
+    ):
+        rolls = (*rough, pm.RollingResistance(0.1))
+        pm.Scene(balls([[2.0, 1.7, 1.6]]), (*rolls, pm.MeshWalls(*cube(), LAW, friction=pm.Friction(0.3))))
     assert pm.Scene(balls([[2.0, 1.7, 1.6]]), (*rough, pm.MeshWalls(*cube(), LAW, friction=pm.Friction(0.0))))
     with pytest.raises(ValueError, match=r"effects\[1\].damping must not be negative"):
         pm.Scene(balls([[2.0, 1.7, 1.6]]), (PAIRS, pm.MeshWalls(*cube(), LAW, damping=-1.0)))

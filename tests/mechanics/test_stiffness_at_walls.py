@@ -7,6 +7,8 @@ import pytest
 
 import packmech as pm
 from packmech.dynamics.engine import build_engine
+from packmech.effects import wall_sides
+from packmech.measure.friction import wall_springs
 
 SPRING = pm.LinearSpring(1e3)
 STEP, CLOSE = 1e-5, 1e-7
@@ -69,6 +71,45 @@ def test_the_stiffness_is_the_derivative_of_the_engines_forces_and_torques_at_ro
     assert np.abs(expected + change).max() < CLOSE * np.abs(change).max()
     bare = (pm.stiffness_matrix(scene, "none", "unstressed") @ (motion * scale).ravel()).reshape(change.shape)
     assert np.abs(bare + change)[at_walls].max() > 1e-4 * np.abs(change).max()
+
+
+@functools.cache
+def among_ridges():
+    """Return spheres with stretched springs at faces, ridges and peaks of a rough surface, that slide nowhere."""
+    rng, x = np.random.default_rng(5), np.linspace(0.0, 6.0, 7)
+    at = np.array([[u, v, 2.0 + rng.uniform(-0.5, 0.5)] for u in x for v in x])
+    first = np.array([7 * i + j for i in range(6) for j in range(6)])
+    one = np.column_stack([first, first + 1, first + 7])
+    faces = np.concatenate([one, np.column_stack([first + 1, first + 8, first + 7])])
+    sticking = pm.Friction(1e6, 300.0), pm.RollingResistance(1e6, 200.0), pm.TwistingResistance(1e6, 100.0)
+    ridges = pm.MeshWalls(at, faces, SPRING, 0.0, *sticking)
+    peak = at[np.argsort(at[:, 2])[-6:]] + [0.02, 0.01, 0.48]
+    high, low = (at.reshape(7, 7, 3)[1:6:2, 1:6:2][:, :, :].reshape(-1, 3) + [s, s, 0.4] for s in (0.5, 0.3))
+    place = np.concatenate([peak, high, low])
+    packing = pm.Packing(place, [0.5] * len(place), pm.Box.cubic(6.0, 3), mass_n=[1.0] * len(place))
+    scene = pm.Scene(packing, (pm.Repulsion(SPRING), *sticking, ridges))
+    moved = pm.simulate(
+        scene, steps=10, dt=1e-3, check=False,
+        velocity_nd=rng.normal(size=place.shape), spin_nk=rng.normal(size=place.shape),
+    )  # fmt: skip
+    return scene.replace(packing=moved.packing)
+
+
+def test_the_stiffness_is_the_derivative_of_the_engines_forces_and_torques_over_edges_and_corners():
+    scene = among_ridges()
+    packing = scene.packing
+    side = wall_sides(scene.effects, packing)[-1]
+    springs = wall_springs(packing, [side])
+    # faces bend nothing, edges one way, corners both
+    bends = np.linalg.matrix_rank(springs.bend_wdd, tol=1e-6)
+    assert set(bends) == {0, 1, 2}
+    assert np.abs(springs.force_wd)[bends == 2].max() > 0.1 and np.abs(springs.rolling_wd)[bends == 1].max() > 0.1
+    motion = np.random.default_rng(5).normal(size=(packing.particles, 6))
+    scale = lengths(packing, motion)
+    ahead, behind = (pushes(scene, sign * motion, STEP) for sign in (1.0, -1.0))
+    change = (ahead - behind) / (2.0 * STEP) / scale
+    expected = (pm.stiffness_matrix(scene, "none") @ (motion * scale).ravel()).reshape(change.shape)
+    assert np.abs(expected + change).max() < CLOSE * np.abs(change).max()
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
