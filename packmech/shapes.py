@@ -18,6 +18,8 @@ _UNIT = 4.0 * float(np.finfo(float).eps)
 _ON_AXIS = 1e-9
 # exponents above this leave edges sharper than contacts are computed for
 SHARPEST = 50.0
+# radius of curvature of a face where it is flat, over its size
+_FLATTEST = 1e13
 # moments of the beads about two axes nearer than this, relative to the larger, leave the long axis open
 _ROUND = 1e-9
 
@@ -705,6 +707,22 @@ class Superellipsoids(_Framed):
         support = (share * np.abs(along / largest)).sum(axis=-1, keepdims=True) ** (1.0 / self.exponent_n)[:, None]
         point = np.sign(along) * axes * share / support
         return np.asarray((frame * point[..., None, :]).sum(axis=-1))
+
+    def surface_bends(self, normal_nd: NDArray[np.float64], radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N, d, d) derivatives of `surface_points` by the (N, d) unit normals: radii of curvature [length].
+
+        That of a face in its middle, where it is flat, is 1e13 of its size and not infinite.
+        """
+        frame, axes = self.frames(), self.axes(radius_n)
+        power = (1.0 / (self.exponent_n - 1.0))[:, None]
+        normal, point = (
+            (one[:, :, None] * frame).sum(axis=1) for one in (normal_nd, self.surface_points(normal_nd, radius_n))
+        )
+        support = (normal * point).sum(axis=1, keepdims=True)
+        share = np.maximum(np.abs(normal) * axes / support, np.finfo(float).tiny)
+        bend = np.minimum(share ** (power - 1.0), _FLATTEST)[:, :, None] * np.eye(self.dimension) * axes[:, None] ** 2
+        bend -= point[:, :, None] * point[:, None, :]
+        return np.asarray(frame @ ((power / support)[:, :, None] * bend) @ frame.transpose(0, 2, 1))
 
     def long_axes(self) -> NDArray[np.float64]:
         """Return the (N', d) axes of greatest extent of the particles that turn.

@@ -150,6 +150,28 @@ def support(body, x, y, z):
     return most * ((t / most) ** q + (s / most) ** q + (r / most) ** q) ** (1.0 / q)
 
 
+@device
+def support_point(body, x, y, z):
+    """Return how far a body reaches along a unit vector, and the point of its surface where this is the normal."""
+    power = 1.0 / (body.exponent - 1.0)
+    t = (body.ux * x + body.uy * y + body.uz * z) * body.a
+    s = (body.vx * x + body.vy * y + body.vz * z) * body.b
+    r = (body.wx * x + body.wy * y + body.wz * z) * body.c
+    most = max(abs(t), abs(s), abs(r), 1e-300)
+    et, es, er = (abs(t) / most) ** power, (abs(s) / most) ** power, (abs(r) / most) ** power
+    total = (et * abs(t) + es * abs(s) + er * abs(r)) / most
+    over = total ** (-1.0 / body.exponent)
+    t = math.copysign(over * et * body.a, t)
+    s = math.copysign(over * es * body.b, s)
+    r = math.copysign(over * er * body.c, r)
+    return (
+        most * total * over,
+        t * body.ux + s * body.vx + r * body.wx,
+        t * body.uy + s * body.vy + r * body.wy,
+        t * body.uz + s * body.vz + r * body.wz,
+    )
+
+
 @inlined
 def _curvature(one, other, at, d):
     """Return the second derivatives of L by x, none of them flat, and one of their size across a plane."""

@@ -271,7 +271,7 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
 
 
 def refuse_beside_superellipsoids(effects: tuple[Any, ...], packing: Packing) -> None:
-    """Refuse friction, resistance to rolling, and walls for superellipsoids, of which only normal forces are known.
+    """Refuse friction, and resistance to rolling, for superellipsoids, of which only normal forces are known.
 
     Raises
     ------
@@ -281,7 +281,7 @@ def refuse_beside_superellipsoids(effects: tuple[Any, ...], packing: Packing) ->
     """
     shapes = packing.shapes
     for k, one in enumerate(() if shapes.has_spheroid_sites else effects):
-        if not {"friction", "rolling", "walls"}.isdisjoint(columns_of(one)):
+        if not {"friction", "rolling"}.isdisjoint(columns_of(one)):
             kind = type(one).__qualname__
             raise ValueError(
                 f"effects must hold no {kind} for {shapes.names[1]}, between which only normal forces are known, got "

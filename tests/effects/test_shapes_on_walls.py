@@ -17,6 +17,8 @@ KINDS = {
     "spheroids": (3, pm.Ellipses(aspect=0.6)),
     "bent trimers": (2, pm.Trimer(angle=2.0)),
     "trimers": (3, pm.Trimer()),
+    "superellipses": (2, pm.Superellipses(3.0, (2.0, 1.0))),
+    "superellipsoids": (3, pm.Superellipses(2.6, (2.4, 1.5, 1.0))),
 }
 
 
@@ -77,7 +79,7 @@ def test_forces_torques_and_the_hessian_are_the_derivatives_of_the_energy(kind):
             assert np.abs(change).max() < 1e-7
 
 
-@pytest.mark.parametrize("kind", ["spheroids", "trimers"])
+@pytest.mark.parametrize("kind", ["spheroids", "trimers", "superellipsoids"])
 def test_second_derivatives_by_turns_in_space_are_those_of_the_energy(kind):
     scene = boxed(kind)
     packing, h = scene.packing, 5e-4
@@ -185,7 +187,7 @@ def test_what_is_held_takes_no_part_in_the_modes_of_shapes_as_in_those_of_discs(
     np.testing.assert_allclose(other.participation_m, one.participation_m, rtol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["ellipses", "bent trimers"])
+@pytest.mark.parametrize("kind", ["ellipses", "bent trimers", "superellipses"])
 def test_the_floor_carries_the_weight_of_a_pile(kind):
     d, shapes = KINDS[kind]
     packing = pm.random_packing(12, dimension=d, packing_fraction=0.35, shapes=shapes, seed=3)
