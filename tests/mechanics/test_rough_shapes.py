@@ -16,6 +16,8 @@ BODIES = {
     "ellipses": (2, pm.Ellipses(aspect=1.6), 0.95),
     "spheroids": (3, pm.Ellipses(aspect=0.6), 0.78),
     "bodies": (3, pm.Trimer(angle=2.0), 0.75),
+    "superellipses": (2, pm.Superellipses(3.0, (1.3, 1.0)), 0.95),
+    "superellipsoids": (3, pm.Superellipses(2.5, (1.4, 1.2, 1.0)), 0.78),
 }
 LINKED = {"linked dimers": 2}
 
