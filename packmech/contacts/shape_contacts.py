@@ -161,6 +161,9 @@ class ShapeContacts:
     def _support(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (C, d) points p = A n / g of the sites i where n is their normal, and (C, d, d) dp/dn."""
         if not self.shapes.has_spheroid_sites:
+            d = self.dimension
+            if not len(self):
+                return np.zeros((0, d)), np.zeros((0, d, d))
             shapes: Any = self.shapes.select(self.site_i_c)
             own = self.normal_cd, radius_n[self.site_i_c]
             return shapes.surface_points(*own), shapes.surface_bends(*own)

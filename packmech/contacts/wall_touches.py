@@ -87,7 +87,7 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
 
 
 class _Support(NamedTuple):
-    """How far (B,) sites reach along an axis, and what finds the slopes and second derivatives of some by their turns."""
+    """How far (B,) sites reach along an axis; what returns slopes and second derivatives of some by their turns."""
 
     size_b: NDArray[np.float64]
     slopes: Callable[[NDArray[np.int64]], tuple[NDArray[np.float64], NDArray[np.float64]]]

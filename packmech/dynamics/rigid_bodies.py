@@ -27,7 +27,14 @@ from packmech.dynamics.friction import Slip, cross, dot, slip_of_round
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, kernel
 from packmech.minimize.passes.kernels import coincident_direction
-from packmech.minimize.passes.shape_rows import BeadRows, GaugeRows, gauge_body, shape_touch, touch_of_two_beads, touches
+from packmech.minimize.passes.shape_rows import (
+    BeadRows,
+    GaugeRows,
+    gauge_body,
+    shape_touch,
+    touch_of_two_beads,
+    touches,
+)
 from packmech.minimize.passes.shape_singles import RowMotion, energy_of_shape, push_on_shape
 from packmech.shapes import Beads, Superellipsoids
 

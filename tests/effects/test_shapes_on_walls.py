@@ -300,15 +300,14 @@ def test_superellipsoids_of_exponent_two_and_two_equal_axes_rest_on_walls_as_sph
         curved = []
         for each in (scene, other):
             basis = each.packing.turn_nkt
-            along = np.hstack([shift, np.array([np.linalg.lstsq(b.T, r, rcond=None)[0] for b, r in zip(basis, rotation)])])
+            turning = np.array([np.linalg.lstsq(basis[i].T, rotation[i], rcond=None)[0] for i in range(n)])
+            along = np.hstack([shift, turning])
             curved.append(along.ravel() @ (pm.hessian(each, "none") @ along.ravel()))
         assert curved[1] == pytest.approx(curved[0], rel=1e-10)
 
 
 def test_the_modes_of_superellipses_on_a_floor_are_those_of_differences_of_their_forces():
-    packing = pm.random_packing(
-        6, dimension=2, packing_fraction=0.35, shapes=pm.Superellipses(2.5, (1.6, 1.0)), seed=3
-    )
+    packing = pm.random_packing(6, dimension=2, packing_fraction=0.35, shapes=pm.Superellipses(2.5, (1.6, 1.0)), seed=3)
     side = packing.box.lattice_dd[0, 0]
     walls = pm.Walls(1, 0.0, 3.0 * side), pm.Walls(0, 0.0, side)
     packing = packing.replace(box=pm.Box(np.diag([side, 3.0 * side])))
