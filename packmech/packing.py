@@ -198,10 +198,6 @@ class Packing:
         last = int(max(one.max(initial=-1) for one in named))
         if last >= self.particles:
             raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
-        if not self.shapes.has_spheroid_sites:
-            raise ValueError(
-                f"tangential must be left out for {self.shapes.names[1]}, which have no friction, got {tangential!r}"
-            )
         bead = tangential.bead_c2
         if self.shapes.has_beads != (bead is not None):
             raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {bead!r:.40}")

@@ -35,7 +35,6 @@ from packmech.effects import (
     is_effect,
     is_law,
     plain_record,
-    refuse_beside_superellipsoids,
     refuse_curvature_of_shapes,
     refuse_rolling,
     refuse_walls,
@@ -786,7 +785,6 @@ class Scene:
         refuse_missing_kinds(self.effects, self.packing)
         refuse_rolling(self.effects, self.packing)
         refuse_curvature_of_shapes(self.effects, self.packing)
-        refuse_beside_superellipsoids(self.effects, self.packing)
         refuse_walls(self.effects, self.packing)
         self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:

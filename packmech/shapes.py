@@ -18,6 +18,8 @@ _UNIT = 4.0 * float(np.finfo(float).eps)
 _ON_AXIS = 1e-9
 # exponents above this leave edges sharper than contacts are computed for
 SHARPEST = 50.0
+# radius of curvature of a face where it is flat, over its size
+_FLATTEST = 1e13
 # moments of the beads about two axes nearer than this, relative to the larger, leave the long axis open
 _ROUND = 1e-9
 
@@ -66,8 +68,46 @@ class _Turned:
             object.__setattr__(self, name, array)
 
 
+class _SingleSites:
+    """Shapes of one site each, at the center: discs, spheres, spheroids and superellipsoids."""
+
+    if TYPE_CHECKING:
+
+        def __len__(self) -> int: ...
+        def reach(self, radius_n: Any) -> NDArray[np.float64]: ...
+
+        @property
+        def dimension(self) -> int: ...
+
+    @property
+    def start_n(self) -> NDArray[np.int64]:
+        """The (N + 1,) numbers of the first site of each particle: one site each."""
+        return np.arange(len(self) + 1)
+
+    @property
+    def particle_b(self) -> NDArray[np.int64]:
+        """The (B,) particles that the sites belong to."""
+        return np.arange(len(self))
+
+    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
+        return np.zeros((len(self), self.dimension))
+
+    def site_radius(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the radii: sites are the particles [length]."""
+        return np.asarray(radius_n)
+
+    def site_reach(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return the (B,) reaches: sites are the particles [length]."""
+        return self.reach(radius_n)
+
+    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
+        """Return (N,) zeros: particles turn within the discs or spheres that hold them [length]."""
+        return np.zeros(len(self))
+
+
 @dataclass(frozen=True)
-class Discs:
+class Discs(_SingleSites):
     """Discs (d = 2) or spheres (d = 3), which have no orientations: the shapes of a packing that is given none.
 
     They answer what other shapes do: no coordinates of turns (K = 0), one site each. The sites are what particles are
@@ -120,45 +160,19 @@ class Discs:
         return np.zeros(self.count, dtype=bool)
 
     @property
-    def start_n(self) -> NDArray[np.int64]:
-        """The (N + 1,) numbers of the first site of each particle: one site each."""
-        return np.arange(self.count + 1)
-
-    @property
-    def particle_b(self) -> NDArray[np.int64]:
-        """The (B,) particles that the sites belong to."""
-        return np.arange(self.count)
-
-    @property
     def axis_bd(self) -> NDArray[np.float64]:
         """Some (B, d) directions, since no axis differs from the others."""
         return _any_axis(self.count, self.dimension)
 
     axis_nd = axis_bd
 
-    def site_radius(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return the radii: sites are the particles [length]."""
-        return np.asarray(radius_n)
-
     def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the radii twice, for the (B,) semi-axes along some direction and across it [length]."""
         return np.asarray(radius_n), np.asarray(radius_n)
 
-    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
-        return np.zeros((self.count, self.dimension))
-
-    def site_reach(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return the (B,) radii: sites are the particles [length]."""
-        return np.asarray(radius_n)
-
     def reach(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) radii [length]."""
         return np.asarray(radius_n)
-
-    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N,) zeros: turns move nothing beyond the discs or spheres [length]."""
-        return np.zeros(self.count)
 
     def gyration(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N,) radii of gyration, the square root of inertia over mass about an axis [length]."""
@@ -204,7 +218,7 @@ class Discs:
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Spheroids(_Turned):
+class Spheroids(_SingleSites, _Turned):
     """Ellipses (d = 2) or spheroids (d = 3): one axis along a director, the others equal to each other.
 
     A particle's radius is that of the disc or sphere of equal area or volume, so that packing fractions and masses do
@@ -274,27 +288,9 @@ class Spheroids(_Turned):
         return np.asarray(self.aspect_n != 1.0)
 
     @property
-    def start_n(self) -> NDArray[np.int64]:
-        """The (N + 1,) numbers of the first site of each particle: one site each."""
-        return np.arange(len(self) + 1)
-
-    @property
-    def particle_b(self) -> NDArray[np.int64]:
-        """The (B,) particles that the sites belong to."""
-        return np.arange(len(self))
-
-    @property
     def axis_bd(self) -> NDArray[np.float64]:
         """The (B, d) directions of the axes that may differ from the others: the directors."""
         return self.director_nd
-
-    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
-        return np.zeros_like(self.director_nd)
-
-    def site_radius(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return the radii: sites are the particles [length]."""
-        return np.asarray(radius_n)
 
     def semi_axes(self, radius_n: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (N,) semi-axes along the directors and across them, for particles of these radii [length]."""
@@ -304,12 +300,6 @@ class Spheroids(_Turned):
     def reach(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) radii of the discs or spheres about the centers that just hold the particles [length]."""
         return np.maximum(*self.semi_axes(radius_n))
-
-    site_reach = reach
-
-    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N,) zeros: particles turn within the discs or spheres that hold them [length]."""
-        return np.zeros(len(self))
 
     def gyration(self, radius_n: Any) -> NDArray[np.float64]:
         """Return (N,) radii of gyration, the square root of inertia over mass about a center across the axis [length].
@@ -511,7 +501,7 @@ class _Framed(_Turned):
 
 @shown()
 @dataclass(frozen=True, eq=False)
-class Superellipsoids(_Framed):
+class Superellipsoids(_SingleSites, _Framed):
     """Superellipses |x/a|^p + |y/b|^p = 1 or superellipsoids |x/a|^p + |y/b|^p + |z/c|^p = 1, each with an exponent.
 
     The exponent 2 makes ellipses, and ellipsoids of three axes; large ones come near to rectangles and boxes. A
@@ -642,24 +632,6 @@ class Superellipsoids(_Framed):
             return np.asarray(sharp | (ratio[:, :1] != ratio[:, 1:]))
         return np.asarray(sharp | (ratio[:, [1, 2, 0]] != ratio[:, [2, 0, 1]]))
 
-    @property
-    def start_n(self) -> NDArray[np.int64]:
-        """The (N + 1,) numbers of the first site of each particle: one site each."""
-        return np.arange(len(self) + 1)
-
-    @property
-    def particle_b(self) -> NDArray[np.int64]:
-        """The (B,) particles that the sites belong to."""
-        return np.arange(len(self))
-
-    def arms(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the (B, d) vectors from the particles' centers to the sites: zeros [length]."""
-        return np.zeros_like(self.ratio_nd)
-
-    def site_radius(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return the radii: sites are the particles [length]."""
-        return np.asarray(radius_n)
-
     def reach(self, radius_n: Any) -> NDArray[np.float64]:
         """Return the (N,) radii of the discs or spheres about the centers that just hold the particles [length].
 
@@ -672,12 +644,6 @@ class Superellipsoids(_Framed):
         power = 1.0 / np.where(inverse > 0.0, inverse, 1.0)
         norm = ((axes / largest[:, None]) ** power[:, None]).sum(axis=1) ** inverse
         return np.asarray(largest * np.where(inverse > 0.0, norm, 1.0))
-
-    site_reach = reach
-
-    def sweep(self, radius_n: Any) -> NDArray[np.float64]:
-        """Return (N,) zeros: particles turn within the discs or spheres that hold them [length]."""
-        return np.zeros(len(self))
 
     def stiffening(self, radius_n: Any) -> tuple[float, float]:
         """Return by how much the stiffness over mass of contacts, and of tangential springs, may exceed that of discs.
@@ -705,6 +671,22 @@ class Superellipsoids(_Framed):
         support = (share * np.abs(along / largest)).sum(axis=-1, keepdims=True) ** (1.0 / self.exponent_n)[:, None]
         point = np.sign(along) * axes * share / support
         return np.asarray((frame * point[..., None, :]).sum(axis=-1))
+
+    def surface_bends(self, normal_nd: NDArray[np.float64], radius_n: Any) -> NDArray[np.float64]:
+        """Return the (N, d, d) derivatives of `surface_points` by the (N, d) unit normals: radii of curvature [length].
+
+        That of a face in its middle, where it is flat, is 1e13 of its size and not infinite.
+        """
+        frame, axes = self.frames(), self.axes(radius_n)
+        power = (1.0 / (self.exponent_n - 1.0))[:, None]
+        normal, point = (
+            (one[:, :, None] * frame).sum(axis=1) for one in (normal_nd, self.surface_points(normal_nd, radius_n))
+        )
+        support = (normal * point).sum(axis=1, keepdims=True)
+        share = np.maximum(np.abs(normal) * axes / support, np.finfo(float).tiny)
+        bend = np.minimum(share ** (power - 1.0), _FLATTEST)[:, :, None] * np.eye(self.dimension) * axes[:, None] ** 2
+        bend -= point[:, :, None] * point[:, None, :]
+        return np.asarray(frame @ ((power / support)[:, :, None] * bend) @ frame.transpose(0, 2, 1))
 
     def long_axes(self) -> NDArray[np.float64]:
         """Return the (N', d) axes of greatest extent of the particles that turn.

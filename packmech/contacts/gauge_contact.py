@@ -26,6 +26,8 @@ from packmech.jit.compiled import device, inlined, kernel
 
 # curvature added to that of L, over its mean one: below it faces count as flat
 _FLAT = 1e-13
+# radius of curvature of a flat face over its size, where contacts turn with their normals
+_ROUND = 1e8
 # what a step gains of F, relative, below which the last few steps are taken, on the forces
 _NEAR = 1e-16
 # gain of an inner step over that of the next one in l, where the inner problem is solved well enough
@@ -148,6 +150,53 @@ def support(body, x, y, z):
     r = abs(body.wx * x + body.wy * y + body.wz * z) * body.c
     most = max(t, s, r, 1e-300)
     return most * ((t / most) ** q + (s / most) ** q + (r / most) ** q) ** (1.0 / q)
+
+
+@device
+def support_point(body, x, y, z):
+    """Return how far a body reaches along a unit vector, and the point of its surface where this is the normal."""
+    power = 1.0 / (body.exponent - 1.0)
+    t = (body.ux * x + body.uy * y + body.uz * z) * body.a
+    s = (body.vx * x + body.vy * y + body.vz * z) * body.b
+    r = (body.wx * x + body.wy * y + body.wz * z) * body.c
+    most = max(abs(t), abs(s), abs(r), 1e-300)
+    et, es, er = (abs(t) / most) ** power, (abs(s) / most) ** power, (abs(r) / most) ** power
+    total = (et * abs(t) + es * abs(s) + er * abs(r)) / most
+    over = total ** (-1.0 / body.exponent)
+    t = math.copysign(over * et * body.a, t)
+    s = math.copysign(over * es * body.b, s)
+    r = math.copysign(over * er * body.c, r)
+    return (
+        most * total * over,
+        t * body.ux + s * body.vx + r * body.wx,
+        t * body.uy + s * body.vy + r * body.wy,
+        t * body.uz + s * body.vz + r * body.wz,
+    )
+
+
+@device
+def support_bend(body, x, y, z, size, px, py, pz):
+    """Return xx, xy, xz, yy, yz, zz of the change of a point of the surface by its unit normal: radii of curvature.
+
+    Given both and how far the body reaches. Flat faces count as curved by `_ROUND` times their size, so that inverses
+    are exact enough.
+    """
+    power = 1.0 / (body.exponent - 1.0)
+    t = abs(body.ux * x + body.uy * y + body.uz * z) * body.a
+    s = abs(body.vx * x + body.vy * y + body.vz * z) * body.b
+    r = abs(body.wx * x + body.wy * y + body.wz * z) * body.c
+    over = power / size
+    t = over * body.a * body.a * min(max(t / size, 1e-300) ** (power - 1.0), _ROUND)
+    s = over * body.b * body.b * min(max(s / size, 1e-300) ** (power - 1.0), _ROUND)
+    r = over * body.c * body.c * min(max(r / size, 1e-300) ** (power - 1.0), _ROUND)
+    return (
+        t * body.ux * body.ux + s * body.vx * body.vx + r * body.wx * body.wx - over * px * px,
+        t * body.ux * body.uy + s * body.vx * body.vy + r * body.wx * body.wy - over * px * py,
+        t * body.ux * body.uz + s * body.vx * body.vz + r * body.wx * body.wz - over * px * pz,
+        t * body.uy * body.uy + s * body.vy * body.vy + r * body.wy * body.wy - over * py * py,
+        t * body.uy * body.uz + s * body.vy * body.vz + r * body.wy * body.wz - over * py * pz,
+        t * body.uz * body.uz + s * body.vz * body.vz + r * body.wz * body.wz - over * pz * pz,
+    )
 
 
 @inlined

@@ -131,14 +131,17 @@ class ShapeContacts:
         """Return the (C, d) vectors from center i to the point of contact [length].
 
         Sites touch when both are scaled by s = rho / sigma: at s A n / g from their centers, A their matrix of squared
-        semi-axes, g = sqrt(n A n), where they are spheroids.
+        semi-axes, g = sqrt(n A n), where they are spheroids. Of superellipsoids the part across the normal is what the
+        slopes along turns say, which are exact where faces are flat, too.
         """
         if not len(self):
             return np.zeros((0, self.dimension))
         if not self.shapes.has_spheroid_sites:
-            shapes: Any = self.shapes.select(self.site_i_c)
-            own = shapes.surface_points(self.normal_cd, radius_n[self.site_i_c])
-            return np.asarray((1.0 - self.overlap_c)[:, None] * own)
+            d, normal = self.dimension, self.normal_cd
+            reach = (1.0 - self.overlap_c) * (self._support(radius_n)[0] * normal).sum(axis=1)
+            turn, push = self.slope_cx[:, d : (self.slope_cx.shape[1] + d) // 2], self.push_c[:, None]
+            across = turn * turned_arms(normal)[:, :, 0] if d == 2 else np.cross(turn, normal)
+            return np.asarray(reach[:, None] * normal + across / push)
         arm = self.shapes.arms(radius_n)[self.site_i_c]
         return np.asarray(arm + (1.0 - self.overlap_c)[:, None] * self._support(radius_n)[0])
 
@@ -157,6 +160,13 @@ class ShapeContacts:
 
     def _support(self, radius_n: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return (C, d) points p = A n / g of the sites i where n is their normal, and (C, d, d) dp/dn."""
+        if not self.shapes.has_spheroid_sites:
+            d = self.dimension
+            if not len(self):
+                return np.zeros((0, d)), np.zeros((0, d, d))
+            shapes: Any = self.shapes.select(self.site_i_c)
+            own = self.normal_cd, radius_n[self.site_i_c]
+            return shapes.surface_points(*own), shapes.surface_bends(*own)
         along, across = (one[self.site_i_c] ** 2 for one in self.shapes.semi_axes(radius_n))
         director, normal = self.shapes.axis_bd[self.site_i_c], self.normal_cd
         matrix = (along - across)[:, None, None] * director[:, :, None] * director[:, None, :]

@@ -2,19 +2,21 @@
 
 The distance is that of the particle and its mirror image (`packmech.effects.Walls`): rho = 2 D for a disc whose center
 is D from the wall. An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall across n; its distance is
-rho = 2 D r / h, the diameter 2 r times the scale D / h at which it would just touch. A rigid body has a distance for
-each bead, as that is a disc or sphere: h = r, off the center of the body. Of the energy u(rho) of both the particle has
-half.
+rho = 2 D r / h, the diameter 2 r times the scale D / h at which it would just touch. So it is of superellipsoids, with
+their own h (`Superellipsoids.surface_points`). A rigid body has a distance for each bead, as that is a disc or sphere:
+h = r, off the center of the body. Of the energy u(rho) of both the particle has half.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from packmech.packing import Packing
+from packmech.shapes import Superellipsoids
 
 
 class WallTouches(NamedTuple):
@@ -59,29 +61,14 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
     """
     shapes, d = packing.shapes, packing.dimension
     t = 1 if d == 2 else 3
-    particle, arm, axis_b3 = shapes.particle_b, _padded(shapes.arms(packing.radius_n)), _padded(shapes.axis_bd)
-    a, b = shapes.semi_axes(packing.radius_n)
-    excess = (a - b) * (a + b)
-    # how far sites reach from their centers along the axis
-    support = np.sqrt(b**2 + excess * axis_b3[:, axis] ** 2)
+    particle, arm = shapes.particle_b, _padded(shapes.arms(packing.radius_n))
+    along = np.eye(3)[axis]
+    support = _SUPPORTS.get(type(shapes), _support_of_spheroids)(shapes, packing.radius_n, along)
     height = height_n[particle] + side * arm[:, axis]
-    near = np.flatnonzero(height < support)
-    size, own, arm, director, excess = support[near], height[near], arm[near], axis_b3[near], excess[near]
+    near = np.flatnonzero(height < support.size_b)
+    size, own, arm = support.size_b[near], height[near], arm[near]
     sigma = 2.0 * shapes.site_radius(packing.radius_n)[near]
-    along = np.zeros(3)
-    along[axis] = 1.0
-    cosine, across = director[:, axis], np.cross(director, along)
-    # derivatives of the square of the support, then of the support
-    square_1 = 2.0 * (excess * cosine)[:, None] * across
-    square_2 = (
-        2.0
-        * excess[:, None, None]
-        * (across[:, :, None] * across[:, None, :] + cosine[:, None, None] * _turned_twice(along, director))
-    )
-    support_1 = square_1 / (2.0 * size[:, None])
-    support_2 = (
-        square_2 / (2.0 * size[:, None, None]) - support_1[:, :, None] * support_1[:, None, :] / (size[:, None, None])
-    )
+    support_1, support_2 = support.slopes(near)
     # rho = scale * height, where the scale turns with sites that are long, and the height with those beside centers
     scale, over = sigma / size, sigma / size**2
     height_1, height_2 = side * np.cross(arm, along), side * _turned_twice(along, arm)
@@ -97,6 +84,59 @@ def wall_touches(packing: Packing, height_n: NDArray[np.float64], axis: int, sid
     whole -= over[:, None, None] * (both + both.transpose(0, 2, 1))
     curvature[:, d:, d:] = _turns_of_both(whole, d)
     return WallTouches(particle[near], own * scale, sigma, slope, curvature)
+
+
+class _Support(NamedTuple):
+    """How far (B,) sites reach along an axis; what returns slopes and second derivatives of some by their turns."""
+
+    size_b: NDArray[np.float64]
+    slopes: Callable[[NDArray[np.int64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+
+
+def _support_of_spheroids(shapes: Any, radius_n: NDArray[np.float64], along: NDArray[np.float64]) -> _Support:
+    """Return the support of discs, spheroids or beads."""
+    axis, axis_b3 = int(along.argmax()), _padded(shapes.axis_bd)
+    a, b = shapes.semi_axes(radius_n)
+    excess_b = (a - b) * (a + b)
+    size_b = np.sqrt(b**2 + excess_b * axis_b3[:, axis] ** 2)
+
+    def slopes(near: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        size, director, excess = size_b[near], axis_b3[near], excess_b[near]
+        cosine, across = director[:, axis], np.cross(director, along)
+        # derivatives of the square of the support, then of the support
+        square_1 = 2.0 * (excess * cosine)[:, None] * across
+        square_2 = (
+            2.0
+            * excess[:, None, None]
+            * (across[:, :, None] * across[:, None, :] + cosine[:, None, None] * _turned_twice(along, director))
+        )
+        first = square_1 / (2.0 * size[:, None])
+        second = square_2 / (2.0 * size[:, None, None]) - first[:, :, None] * first[:, None, :] / (size[:, None, None])
+        return first, second
+
+    return _Support(size_b, slopes)
+
+
+def _support_of_superellipsoids(shapes: Any, radius_n: NDArray[np.float64], along: NDArray[np.float64]) -> _Support:
+    """Return the support of superellipsoids, whose slope along the axis is the point of the surface."""
+    d = shapes.dimension
+    normal_nd = np.tile(along[:d], (len(shapes), 1))
+    point_n3 = _padded(shapes.surface_points(normal_nd, radius_n))
+
+    def slopes(near: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        bend = np.zeros((len(near), 3, 3))
+        bend[:, :d, :d] = shapes.surface_bends(normal_nd, radius_n)[near]
+        # the axis turns against the shape
+        turned = np.cross(np.eye(3), along)
+        return np.cross(point_n3[near], along), turned @ bend @ turned.T + _turned_twice(along, point_n3[near])
+
+    return _Support(point_n3 @ along, slopes)
+
+
+# the support of each kind of shape, that of spheroids where there is none here
+_SUPPORTS: dict[type, Callable[[Any, NDArray[np.float64], NDArray[np.float64]], _Support]] = {
+    Superellipsoids: _support_of_superellipsoids
+}
 
 
 def _padded(vector_nd: NDArray[np.float64]) -> NDArray[np.float64]:

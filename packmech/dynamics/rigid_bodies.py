@@ -22,11 +22,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.contacts.fused_volume import body_moments
-from packmech.dynamics.friction import Slip, cross, slip_of_round
+from packmech.contacts.gauge_contact import support, support_bend
+from packmech.dynamics.friction import Slip, cross, dot, slip_of_round
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, kernel
 from packmech.minimize.passes.kernels import coincident_direction
-from packmech.minimize.passes.shape_rows import BeadRows, GaugeRows, shape_touch, touch_of_two_beads, touches
+from packmech.minimize.passes.shape_rows import (
+    BeadRows,
+    GaugeRows,
+    gauge_body,
+    shape_touch,
+    touch_of_two_beads,
+    touches,
+)
 from packmech.minimize.passes.shape_singles import RowMotion, energy_of_shape, push_on_shape
 from packmech.shapes import Beads, Superellipsoids
 
@@ -327,9 +335,7 @@ def rate_of_bodies(bodies, axes, body, pair, touch, u):
 
 
 @inlined
-def slip_of_bodies(bodies, axes, body, pair, k, touch, u):
-    """Return the slip of two beads, levers the points of contact."""
-    beads = bodies.beads
+def _slip_of_beads(beads, bodies, axes, body, pair, k, touch, u):
     one, other = _two_beads(beads, pair, k)
     wi, wj = spin_of_body(bodies, axes, body, pair.i), spin_of_body(bodies, axes, body, pair.j)
     ax, ay, az = beads.arm_bd[one, 0], beads.arm_bd[one, 1], beads.arm_bd[one, 2]
@@ -347,6 +353,106 @@ def slip_of_bodies(bodies, axes, body, pair, k, touch, u):
         (aj * slip.nx - bx, aj * slip.ny - by, aj * slip.nz - bz),
         slip.sx, slip.sy, slip.sz, slip.ox, slip.oy, slip.oz,
     )  # fmt: skip
+
+
+class Side(NamedTuple):
+    """One of two surfaces that touch at a normal.
+
+    How far the shape reaches along the normal, the vector from its center to the point of its surface where this is
+    the normal, xx, xy, xz, yy, yz, zz of the change of that point by the normal, and the angular velocity.
+    """
+
+    reach: float
+    point: tuple[float, float, float]
+    radii: tuple[float, float, float, float, float, float]
+    spin: tuple[float, float, float]
+
+
+@inlined
+def slip_of_surfaces(scale, n, side_i, side_j, u):
+    """Return the slip of two surfaces in space that touch at a normal when scaled, levers the points of contact.
+
+    With r = s (p_i + p_j), its rate and p' = w x p + R (n' - w x n), R the radii, the normal turns by
+    (R_i + R_j) n' = R_i (w_i x n) + R_j (w_j x n) + (v - r (v n) / (r n)) / s, v the velocity of contact points.
+    """
+    gi, pi, ri, wi = side_i
+    gj, pj, rj, wj = side_j
+    one, other = cross(wi, pi), cross(wj, pj)
+    vx = u[0] - scale * (one[0] + other[0])
+    vy = u[1] - scale * (one[1] + other[1])
+    vz = u[2] - scale * (one[2] + other[2])
+    apart = dot((vx, vy, vz), n)
+    one, other = times(ri, cross(wi, n)), times(rj, cross(wj, n))
+    under, share = 1.0 / scale, apart / (gi + gj) / scale
+    turned = (
+        one[0] + other[0] + under * vx - share * (pi[0] + pj[0]),
+        one[1] + other[1] + under * vy - share * (pi[1] + pj[1]),
+        one[2] + other[2] + under * vz - share * (pi[2] + pj[2]),
+    )
+    m = ri[0] + rj[0], ri[1] + rj[1], ri[2] + rj[2], ri[3] + rj[3], ri[4] + rj[4], ri[5] + rj[5]
+    # across n the inverse of m is (trace - m) over the product of its two eigenvalues, by Cayley and Hamilton
+    trace = m[0] + m[3] + m[5]
+    product = m[0] * m[3] - m[1] * m[1] + m[0] * m[5] - m[2] * m[2] + m[3] * m[5] - m[4] * m[4]
+    bent = times(m, turned)
+    rate = (
+        (trace * turned[0] - bent[0]) / product,
+        (trace * turned[1] - bent[1]) / product,
+        (trace * turned[2] - bent[2]) / product,
+    )
+    ox, oy, oz = cross(n, rate)
+    about = 0.5 * (dot(wi, n) + dot(wj, n))
+    return Slip(
+        n[0], n[1], n[2],
+        (scale * pi[0], scale * pi[1], scale * pi[2]),
+        (scale * pj[0], scale * pj[1], scale * pj[2]),
+        vx - apart * n[0], vy - apart * n[1], vz - apart * n[2],
+        ox + about * n[0], oy + about * n[1], oz + about * n[2],
+    )  # fmt: skip
+
+
+@inlined
+def _point_of(reach, n, turn, slope, over):
+    """Return the point of a surface at a touch, by how far this reaches along the normal and the slopes of rho.
+
+    Those along a turn are slope x point: exact in its part across the normal, where faces are flat, too.
+    """
+    x, y, z = cross(turn, slope)
+    return reach * n[0] + over * x, reach * n[1] + over * y, reach * n[2] + over * z
+
+
+@inlined
+def _slip_of_superellipsoids(beads, bodies, axes, body, pair, k, touch, u):
+    slope = touch.x, touch.y, touch.z
+    square = dot(slope, slope)
+    inverse = 1.0 / math.sqrt(square)
+    n = inverse * touch.x, inverse * touch.y, inverse * touch.z
+    one, other = gauge_body(beads, pair.i), gauge_body(beads, pair.j)
+    gi, gj = support(one, n[0], n[1], n[2]), support(other, n[0], n[1], n[2])
+    wi, wj = spin_of_body(bodies, axes, body, pair.i), spin_of_body(bodies, axes, body, pair.j)
+    scale = touch.rho / touch.sigma
+    over = 1.0 / (square * scale)
+    pi = _point_of(gi, n, (touch.ix, touch.iy, touch.iz), slope, over)
+    pj = _point_of(gj, n, (touch.jx, touch.jy, touch.jz), slope, over)
+    if len(axes) == 2:
+        ai, aj = scale * gi, scale * gj
+        sx = u[1] * n[0] - u[0] * n[1] - ai * wi[2] - aj * wj[2]
+        return Slip(
+            n[0], n[1], 0.0,
+            (scale * pi[0], scale * pi[1], 0.0), (scale * pj[0], scale * pj[1], 0.0),
+            sx, 0.0, 0.0, 0.0, 0.0, 0.0,
+        )  # fmt: skip
+    ri = support_bend(one, n[0], n[1], n[2], gi, pi[0], pi[1], pi[2])
+    rj = support_bend(other, n[0], n[1], n[2], gj, pj[0], pj[1], pj[2])
+    return slip_of_surfaces(scale, n, Side(gi, pi, ri, wi), Side(gj, pj, rj, wj), u)
+
+
+_slip = by_type(_slip_of_beads, {GaugeRows: _slip_of_superellipsoids})
+
+
+@inlined
+def slip_of_bodies(bodies, axes, body, pair, k, touch, u):
+    """Return the slip of two beads, or of two superellipsoids, levers the points of contact."""
+    return _slip(bodies.beads, bodies, axes, body, pair, k, touch, u)
 
 
 @inlined

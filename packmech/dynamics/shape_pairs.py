@@ -17,8 +17,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.dynamics.friction import Slip, cross
-from packmech.dynamics.rigid_bodies import motion_of_row, stretched_matter, times
+from packmech.dynamics.friction import Slip, dot
+from packmech.dynamics.rigid_bodies import Side, motion_of_row, slip_of_surfaces, stretched_matter
 from packmech.jit.compiled import inlined
 from packmech.minimize.passes.kernels import coincident_direction
 from packmech.minimize.passes.shape_rows import ShapeRows, shape_touch
@@ -142,16 +142,11 @@ def energy_of_spheroid(shapes, one, body, i, mass):
 
 
 @inlined
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inlined
 def _support(shapes, i, normal):
     """Return a shape's support g along a normal, and the point A n / g of its surface where this is the normal."""
     unit = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
     a, b = shapes.along_n[i], shapes.across_n[i]
-    square, along = b * b, (a - b) * (a + b) * _dot(unit, normal)
+    square, along = b * b, (a - b) * (a + b) * dot(unit, normal)
     x = square * normal[0] + along * unit[0]
     y = square * normal[1] + along * unit[1]
     z = square * normal[2] + along * unit[2]
@@ -178,49 +173,14 @@ def _radii(shapes, i, size, point):
 
 @inlined
 def _slip_in_space(shapes, body, touch, i, j, u):
-    """Return the slip, levers the points of contact.
-
-    With r = s (p_i + p_j), its rate and p' = w x p + R (n' - w x n), R of `_radii`, the normal turns by
-    (R_i + R_j) n' = R_i (w_i x n) + R_j (w_j x n) + (v - r (v n) / (r n)) / s, v the velocity of contact points.
-    """
+    """Return the slip, levers the points of contact."""
     inverse = 1.0 / math.sqrt(touch.x * touch.x + touch.y * touch.y + touch.z * touch.z)
     n = inverse * touch.x, inverse * touch.y, inverse * touch.z
     gi, pi = _support(shapes, i, n)
     gj, pj = _support(shapes, j, n)
     wi, wj = spin_in_space(shapes, body, i), spin_in_space(shapes, body, j)
-    scale = touch.rho / touch.sigma
-    one, other = cross(wi, pi), cross(wj, pj)
-    vx = u[0] - scale * (one[0] + other[0])
-    vy = u[1] - scale * (one[1] + other[1])
-    vz = u[2] - scale * (one[2] + other[2])
-    apart = _dot((vx, vy, vz), n)
     ri, rj = _radii(shapes, i, gi, pi), _radii(shapes, j, gj, pj)
-    one, other = times(ri, cross(wi, n)), times(rj, cross(wj, n))
-    under, share = 1.0 / scale, apart / (gi + gj) / scale
-    turned = (
-        one[0] + other[0] + under * vx - share * (pi[0] + pj[0]),
-        one[1] + other[1] + under * vy - share * (pi[1] + pj[1]),
-        one[2] + other[2] + under * vz - share * (pi[2] + pj[2]),
-    )
-    m = ri[0] + rj[0], ri[1] + rj[1], ri[2] + rj[2], ri[3] + rj[3], ri[4] + rj[4], ri[5] + rj[5]
-    # across n the inverse of m is (trace - m) over the product of its two eigenvalues, by Cayley and Hamilton
-    trace = m[0] + m[3] + m[5]
-    product = m[0] * m[3] - m[1] * m[1] + m[0] * m[5] - m[2] * m[2] + m[3] * m[5] - m[4] * m[4]
-    bent = times(m, turned)
-    rate = (
-        (trace * turned[0] - bent[0]) / product,
-        (trace * turned[1] - bent[1]) / product,
-        (trace * turned[2] - bent[2]) / product,
-    )
-    ox, oy, oz = cross(n, rate)
-    about = 0.5 * (_dot(wi, n) + _dot(wj, n))
-    return Slip(
-        n[0], n[1], n[2],
-        (scale * pi[0], scale * pi[1], scale * pi[2]),
-        (scale * pj[0], scale * pj[1], scale * pj[2]),
-        vx - apart * n[0], vy - apart * n[1], vz - apart * n[2],
-        ox + about * n[0], oy + about * n[1], oz + about * n[2],
-    )  # fmt: skip
+    return slip_of_surfaces(touch.rho / touch.sigma, n, Side(gi, pi, ri, wi), Side(gj, pj, rj, wj), u)
 
 
 @inlined
@@ -273,7 +233,7 @@ def inertial_stress(shapes, axes, state, i):
     rate = inverse * state.push[i, 3], inverse * state.push[i, 4], inverse * state.push[i, 5]
     xx, xy, xz, yy, yz, zz = stretched_matter(spread, spin, rate)
     own = spin_in_space(shapes, state.body, i)
-    more = _dot(spin, spin) - _dot(own, own)
+    more = dot(spin, spin) - dot(own, own)
     return (
         xx + flux * (more + own[0] * own[0] - spin[0] * spin[0]),
         xy + flux * (own[0] * own[1] - spin[0] * spin[1]),

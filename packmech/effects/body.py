@@ -155,8 +155,9 @@ class Walls(NamedTuple):
     whatever the scene's pairs have, or in scene files with a table [material] that of the material.
 
     An ellipse or spheroid reaches h(n) = sqrt(n A n) toward a wall, and touches it where D is smaller; as its image
-    touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. Of a rigid body each
-    bead touches its own image, not those of other beads, which only beads pressed deep into a wall would reach.
+    touches it at the wall, rho = 2 D r / h, with the contact distance 2 r. The wall turns it, too. So it is of
+    superellipsoids, with their own support h (`Superellipsoids.surface_points`). Of a rigid body each bead touches its
+    own image, not those of other beads, which only beads pressed deep into a wall would reach.
 
     Walls have a friction of their own, with its own coefficient, spring and dashpot; so does what resists rolling and
     twisting. Where the center is at the distance D, the slip is that of the particle's surface there, the arm D, and

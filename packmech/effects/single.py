@@ -9,7 +9,6 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
-from packmech.calls.honors import columns_of
 from packmech.contacts.triangles import surface_touches
 from packmech.contacts.wall_touches import WallTouches, wall_touches
 from packmech.effects.body import Gravity, KindWalls, Walls, body_energy, body_force, body_second
@@ -286,25 +285,6 @@ def refuse_unknown_to_shapes(scene: Any, *, single: bool = True) -> None:
             raise ValueError(
                 f"scene.effects must hold no {kind.__qualname__} for {type(shapes).__name__}, which it would take for "
                 f"discs or spheres, got it at {k}: leave it out with scene.without(pm.{kind.__qualname__})"
-            )
-
-
-def refuse_beside_superellipsoids(effects: tuple[Any, ...], packing: Packing) -> None:
-    """Refuse friction, resistance to rolling, and walls for superellipsoids, of which only normal forces are known.
-
-    Raises
-    ------
-    ValueError
-        Naming the effect.
-
-    """
-    shapes = packing.shapes
-    for k, one in enumerate(() if shapes.has_spheroid_sites else effects):
-        if not {"friction", "rolling", "walls"}.isdisjoint(columns_of(one)):
-            kind = type(one).__qualname__
-            raise ValueError(
-                f"effects must hold no {kind} for {shapes.names[1]}, between which only normal forces are known, got "
-                f"it at {k}: leave it out with scene.without(pm.{kind}), or take ellipses, spheroids or rigid bodies"
             )
 
 

@@ -127,12 +127,6 @@ class FrictionalNetwork(NamedTuple):
 def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     """Return the touching pairs of a scene with friction, those of rattlers left out unless these are to be kept."""
     one_of("rattlers", rattlers, ("remove", "keep"))
-    shapes = scene.packing.shapes
-    if not shapes.has_spheroid_sites:
-        raise ValueError(
-            "scene.packing must be of discs, spheres, spheroids or rigid bodies where springs act across contacts, "
-            f"got {shapes.names[1]}, whose normal forces pm.hessian and pm.normal_modes know"
-        )
     if acts_on_single(scene.effects):
         needs_second(scene.effects, "second derivatives")
     found = resting_forces(scene, second=True)

@@ -9,6 +9,7 @@ import packmech as pm
 
 ELLIPSES = pm.Ellipses(aspect=1.8)
 BODIES = pm.Trimer(angle=2.0)
+SQUARISH = pm.Superellipses(3.0)
 
 
 def tumbling(dimension=2, damping=0.0, shapes=ELLIPSES):
@@ -44,14 +45,41 @@ def test_energy_between_walls_is_kept_to_second_order(dimension, shapes):
     assert 1.8 < order < 2.5
 
 
-@pytest.mark.parametrize("shapes", [ELLIPSES, BODIES])
+@pytest.mark.parametrize(("dimension", "exponent"), [(2, 4.0), (3, 2.0)])
+def test_a_superellipsoid_that_bounces_off_a_floor_keeps_its_energy_to_second_order(dimension, exponent):
+    # it meets the floor twice, both times with a corner: no face turns past the floor
+    turn, ratio, spin = [math.cos(0.6), math.sin(0.6)], [1.5, 1.0], [0.2]
+    if dimension == 3:
+        turn, ratio, spin = [0.8, 0.4, 0.4, 0.2], [1.5, 1.2, 1.0], [0.2, -0.1, 0.3]
+    packing = pm.Packing(
+        [[3.0, 1.75, 3.0][:dimension]],
+        [0.5],
+        pm.Box.cubic(6.0, dimension),
+        shapes=pm.Superellipsoids([exponent], [ratio], [turn]),
+    )
+    # a law whose stiffness begins at zero, where contacts open and close
+    floor = pm.Walls(1, 1.0, 5.0, law=pm.PowerLaw(1.0, 3.0))
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Gravity(0.0, -0.05), floor))
+    error = []
+    for dt in (0.04, 0.02, 0.01):
+        run = pm.simulate(
+            scene, duration=16.0, dt=dt, trace_every=1, velocity_nd=[[0.02, -0.3, 0.05][:dimension]], spin_nk=[spin]
+        )
+        whole = run.trace.energy_t + run.trace.kinetic_t
+        error.append(np.abs(whole - whole[0]).max())
+        assert np.abs(run.spin_nk - spin).max() > 0.1
+    assert error[0] / error[1] == pytest.approx(4.0, rel=0.05)
+    assert error[1] / error[2] == pytest.approx(4.0, rel=0.05)
+
+
+@pytest.mark.parametrize("shapes", [ELLIPSES, BODIES, SQUARISH])
 def test_the_energy_of_a_run_is_that_of_the_packing(shapes):
     scene = tumbling(shapes=shapes)
     run = pm.simulate(scene, steps=200, dt=0.05, trace_every=200, check=False, **motion(scene))
     assert run.trace.energy_t[-1] == pytest.approx(pm.energy(scene.replace(packing=run.packing)), rel=1e-11)
 
 
-@pytest.mark.parametrize("shapes", [ELLIPSES, BODIES])
+@pytest.mark.parametrize("shapes", [ELLIPSES, BODIES, SQUARISH])
 def test_a_dashpot_of_a_wall_only_takes_energy(shapes):
     scene = tumbling(damping=0.4, shapes=shapes)
     run = pm.simulate(scene, steps=4000, dt=0.02, trace_every=40, check=False, **motion(scene))
@@ -91,7 +119,7 @@ def test_an_ellipse_rocks_on_a_floor_with_the_period_of_its_shape():
     assert end == pytest.approx(-tilt, rel=1e-3)
 
 
-@pytest.mark.parametrize("shapes", [ELLIPSES, BODIES])
+@pytest.mark.parametrize("shapes", [ELLIPSES, BODIES, SQUARISH])
 @pytest.mark.parametrize("velocity", [(), (0.02, -0.01)])
 def test_what_is_held_keeps_its_direction_and_goes_on_as_it_does(velocity, shapes):
     scene = tumbling(shapes=shapes)

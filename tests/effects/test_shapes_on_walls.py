@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import packmech as pm
 from packmech.measure.contact_forces import force_balance
@@ -17,6 +18,8 @@ KINDS = {
     "spheroids": (3, pm.Ellipses(aspect=0.6)),
     "bent trimers": (2, pm.Trimer(angle=2.0)),
     "trimers": (3, pm.Trimer()),
+    "superellipses": (2, pm.Superellipses(3.0, (2.0, 1.0))),
+    "superellipsoids": (3, pm.Superellipses(2.6, (2.4, 1.5, 1.0))),
 }
 
 
@@ -77,7 +80,7 @@ def test_forces_torques_and_the_hessian_are_the_derivatives_of_the_energy(kind):
             assert np.abs(change).max() < 1e-7
 
 
-@pytest.mark.parametrize("kind", ["spheroids", "trimers"])
+@pytest.mark.parametrize("kind", ["spheroids", "trimers", "superellipsoids"])
 def test_second_derivatives_by_turns_in_space_are_those_of_the_energy(kind):
     scene = boxed(kind)
     packing, h = scene.packing, 5e-4
@@ -185,7 +188,7 @@ def test_what_is_held_takes_no_part_in_the_modes_of_shapes_as_in_those_of_discs(
     np.testing.assert_allclose(other.participation_m, one.participation_m, rtol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["ellipses", "bent trimers"])
+@pytest.mark.parametrize("kind", ["ellipses", "bent trimers", "superellipses"])
 def test_the_floor_carries_the_weight_of_a_pile(kind):
     d, shapes = KINDS[kind]
     packing = pm.random_packing(12, dimension=d, packing_fraction=0.35, shapes=shapes, seed=3)
@@ -235,6 +238,94 @@ def test_an_ellipse_on_a_floor_bounces_and_rocks_at_the_frequencies_of_its_shape
     bouncing = 2.0 * 50.0 * (0.5 / b) ** 2 / (math.pi * 0.25)
     # gliding along the floor costs nothing and is none of the modes
     assert modes.eigenvalue_m == pytest.approx([rocking, bouncing], rel=1e-9)
+
+
+def superellipse(exponent, turn, height, ratio=(1.5, 1.0)):
+    """A superellipse over a floor at 1, with a weight."""
+    shapes = pm.Superellipsoids([exponent], [ratio], [turn])
+    packing = pm.Packing([[2.0, 1.0 + height]], [0.5], pm.Box.cubic(4.0, 2), shapes=shapes)
+    floor = pm.Walls(1, 1.0, 3.9, law=pm.LinearSpring(50.0))
+    return pm.Scene(packing, (pm.Repulsion(), pm.Gravity(0.0, -0.01), floor))
+
+
+def test_a_superellipse_that_lies_on_a_floor_presses_it_with_its_weight():
+    scene = superellipse(2.5, [0.8, 0.5], 0.6)
+    run = pm.quench(scene, force_tolerance=1e-7)
+    weight = 0.01 * run.packing.mass_n[0]
+    rest = scene.replace(packing=run.packing)
+    assert pm.wall_contacts(rest).on_walls() == pytest.approx([0.0, -weight], rel=1e-6)
+    # on a long face, where b is the reach: weight = k (2 r - 2 D r / b) r / b
+    assert run.packing.shapes.orientation_nq[0] == pytest.approx([1.0, 0.0], abs=1e-7)
+    b = run.packing.shapes.axes(run.packing.radius_n)[0, 1]
+    assert run.packing.position_nd[0, 1] - 1.0 == pytest.approx(b * (1.0 - weight * b / 25.0), rel=1e-9)
+
+
+def test_a_flat_face_on_a_floor_bears_its_weight_and_holds_its_turn_stiffly():
+    b = superellipse(8.0, [1.0, 0.0], 0.5).packing.shapes.axes(0.5)[0, 1]
+    weight = 0.01 * math.pi * 0.25
+    flat = superellipse(8.0, [1.0, 0.0], b * (1.0 - weight * b / 25.0))
+    assert np.abs(pm.forces(flat)).max() < 1e-14 * 50.0 and (pm.torques(flat) == 0.0).all()
+    value = np.linalg.eigvalsh(pm.hessian(flat, "none").toarray())
+    assert value[0] == 0.0 and 1e9 < value[2] / weight < 1e15
+    # turned by an angle it falls back: the reach grows as b + (a angle)^q / q b^(q - 1), q = p / (p - 1)
+    a, angle = flat.packing.shapes.axes(flat.packing.radius_n)[0, 0], 1e-6
+    turned = flat.replace(packing=flat.packing.replace(shapes=flat.packing.shapes.turned(np.array([[angle]]))))
+    torque = -weight * a * (a * angle / b) ** (1.0 / 7.0)
+    assert float(pm.torques(turned).ravel()[0]) == pytest.approx(torque, rel=2e-3)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_superellipsoids_of_exponent_two_and_two_equal_axes_rest_on_walls_as_spheroids_do(dimension):
+    scene = boxed("ellipses" if dimension == 2 else "spheroids")
+    packing, n = scene.packing, scene.packing.particles
+    director, aspect = packing.shapes.director_nd, packing.shapes.aspect_n[0]
+    turn = director
+    if dimension == 3:
+        turn = [Rotation.align_vectors(one[None], [[1.0, 0.0, 0.0]])[0].as_quat(scalar_first=True) for one in director]
+    shapes = pm.Superellipsoids(np.full(n, 2.0), [[aspect, 1.0, 1.0][:dimension]] * n, turn)
+    other = scene.replace(packing=packing.replace(shapes=shapes))
+    assert pm.energy(other) == pytest.approx(pm.energy(scene), rel=1e-12)
+    np.testing.assert_allclose(pm.forces(other), pm.forces(scene), rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(pm.torques(other), pm.torques(scene), rtol=0.0, atol=1e-11)
+    one, two = pm.wall_contacts(scene), pm.wall_contacts(other)
+    assert np.array_equal(one.particle_w, two.particle_w)
+    np.testing.assert_allclose(two.force_w, one.force_w, rtol=1e-11)
+    # along the same motions, coordinates of which differ
+    rng, h = np.random.default_rng(2), 1 if dimension == 2 else 3
+    for _ in range(3):
+        shift, rotation = rng.normal(size=(n, dimension)), rng.normal(size=(n, h))
+        if dimension == 3:
+            # turns about the axes of spheroids are no motions of theirs
+            rotation -= (rotation * director).sum(axis=1)[:, None] * director
+        curved = []
+        for each in (scene, other):
+            basis = each.packing.turn_nkt
+            turning = np.array([np.linalg.lstsq(basis[i].T, rotation[i], rcond=None)[0] for i in range(n)])
+            along = np.hstack([shift, turning])
+            curved.append(along.ravel() @ (pm.hessian(each, "none") @ along.ravel()))
+        assert curved[1] == pytest.approx(curved[0], rel=1e-10)
+
+
+def test_the_modes_of_superellipses_on_a_floor_are_those_of_differences_of_their_forces():
+    packing = pm.random_packing(6, dimension=2, packing_fraction=0.35, shapes=pm.Superellipses(2.5, (1.6, 1.0)), seed=3)
+    side = packing.box.lattice_dd[0, 0]
+    walls = pm.Walls(1, 0.0, 3.0 * side), pm.Walls(0, 0.0, side)
+    packing = packing.replace(box=pm.Box(np.diag([side, 3.0 * side])))
+    scene = pm.Scene(packing, (pm.Repulsion(), pm.Gravity(0.0, -0.05), *walls))
+    scene = scene.replace(packing=pm.quench(scene, force_tolerance=1e-9, step_limit=400_000).packing)
+    packing, size, h = scene.packing, scene.packing.particles * 3, 1e-7
+
+    def slopes(way):
+        there = scene.replace(packing=packing.moved(way.reshape(-1, 3)))
+        turning = np.einsum("nkt,nt->nk", packing.turn_nkt, pm.torques(there).reshape(-1, 1))
+        return -np.hstack([pm.forces(there), turning]).ravel()
+
+    changes = np.array([(slopes(h * way) - slopes(-h * way)) / (2.0 * h) for way in np.eye(size)])
+    root = np.sqrt(np.repeat(packing.mass_n, 3))
+    value = np.linalg.eigvalsh(0.5 * (changes + changes.T) / root[:, None] / root)
+    modes = pm.normal_modes(scene, rattlers="keep").eigenvalue_m
+    np.testing.assert_allclose(modes, value[-len(modes) :], rtol=0.0, atol=1e-6 * value.max())
+    assert len(modes) >= size - 2 and modes.min() > 0.0
 
 
 def test_what_is_held_neither_moves_nor_turns_at_rest():

@@ -289,14 +289,15 @@ def touch_of_two_beads(shapes, one, other, dx, dy, dz):
 
 
 @inlined
-def _gauge_body(shapes, i):
+def gauge_body(shapes, i):
+    """Return a superellipsoid as it stands."""
     return body_at(shapes.semi_nk[i], shapes.exponent_n[i], shapes.frame_ndd[i])
 
 
 @device
 def _touch_of_superellipsoids(shapes, i, j, k, dx, dy, dz, d):
     sigma, effective = shapes.radius_n[i] + shapes.radius_n[j], np.nan
-    touch = gauge_touch(_gauge_body(shapes, i), _gauge_body(shapes, j), dx, dy, dz, d, 1.0)
+    touch = gauge_touch(gauge_body(shapes, i), gauge_body(shapes, j), dx, dy, dz, d, 1.0)
     if touch.square >= 1.0:
         return ShapeTouch(False, sigma, sigma, effective, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     s, x, y, z, ix, iy, iz, jx, jy, jz = slopes_of_scale(touch, dx, dy, dz)

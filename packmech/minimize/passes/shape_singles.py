@@ -11,11 +11,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from packmech.contacts.gauge_contact import support_point
 from packmech.effects import Walls, body_energy, body_force, body_second, first_on_wall, law_energy, law_second
 from packmech.effects.partners import equal_partners
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined
-from packmech.minimize.passes.shape_rows import by_shape
+from packmech.minimize.passes.shape_rows import by_shape, gauge_body
 
 
 class RowMotion(NamedTuple):
@@ -69,6 +70,15 @@ def _reach(wall, shapes, i):
 
 
 @inlined
+def _turning_reach(wall, shapes, i):
+    """Return how far a superellipsoid reaches to a wall, and the slopes of this along its turns."""
+    nx, ny, nz = _along(wall.axis, 1.0)
+    size, px, py, pz = support_point(gauge_body(shapes, i), nx, ny, nz)
+    gx, gy, gz = _across(wall.axis, px, py, pz)
+    return size, gx, gy, gz
+
+
+@inlined
 def _pull(wall, distance, sigma, rate, per_inertia):
     """Return half of du/drho of a wall, its dashpot's part in it: what the particle has of it.
 
@@ -107,7 +117,7 @@ def _push_of_walls_on_spheroid(shapes, wall, i, motion, mass):
 
 @inlined
 def _turning(shapes, i, x, y, z):
-    """Return the square of a torque over the moments of inertia of a body of beads, times the mass."""
+    """Return the square of a torque over the moments of inertia of a body, times the mass."""
     frame, rate = shapes.frame_ndd, shapes.rate_nk
     total = 0.0
     for k in range(3):
@@ -144,6 +154,28 @@ def _push_of_walls_on_beads(shapes, wall, i, motion, mass):
 
 
 @inlined
+def _push_of_walls_on_superellipsoid(shapes, wall, i, motion, mass):
+    size, gx, gy, gz = _turning_reach(wall, shapes, i)
+    at = _component(wall.axis, motion.x, motion.y, motion.z)
+    speed = _component(wall.axis, motion.u, motion.v, motion.w)
+    growth = gx * motion.ox + gy * motion.oy + gz * motion.oz
+    sigma = 2.0 * shapes.radius_n[i]
+    share = sigma / size
+    turn = _turning(shapes, i, gx, gy, gz)
+    push = twist = 0.0
+    for side in range(2):
+        distance, away = (at - wall.low, 1.0) if side == 0 else (wall.high - at, -1.0)
+        if distance < size:
+            scale = distance / size
+            inverse = share * share * (1.0 + scale * scale * turn) / mass
+            first = _pull(wall, share * distance, sigma, share * (away * speed - scale * growth), inverse)
+            push -= away * first * share
+            twist += first * share * scale
+    fx, fy, fz = _along(wall.axis, push)
+    return fx, fy, fz, twist * gx, twist * gy, twist * gz
+
+
+@inlined
 def _push_on_center(one, shapes, i, motion, mass):
     x, y, z = body_force(
         one, motion.x, motion.y, motion.z, motion.u, motion.v, motion.w, mass, shapes.radius_n[i]
@@ -165,6 +197,23 @@ def _spheroid_on_walls(shapes, wall, i, x, y, z):
             energy += 0.5 * law_energy(wall.law, share * distance, image)
             turn = share * distance / size * bend / shapes.gyration_n[i]
             stiffness += 0.5 * abs(law_second(wall.law, share * distance, image)) * (share * share + turn * turn)
+    return energy, stiffness
+
+
+@inlined
+def _superellipsoid_on_walls(shapes, wall, i, x, y, z):
+    size, gx, gy, gz = _turning_reach(wall, shapes, i)
+    at = _component(wall.axis, x, y, z)
+    sigma = 2.0 * shapes.radius_n[i]
+    share, image = sigma / size, equal_partners(sigma)
+    turn = (gx * gx + gy * gy + gz * gz) / shapes.gyration_n[i] ** 2
+    energy = stiffness = 0.0
+    for side in range(2):
+        distance = at - wall.low if side == 0 else wall.high - at
+        if distance < size:
+            energy += 0.5 * law_energy(wall.law, share * distance, image)
+            steep = share * share * (1.0 + (distance / size) ** 2 * turn)
+            stiffness += 0.5 * abs(law_second(wall.law, share * distance, image)) * steep
     return energy, stiffness
 
 
@@ -196,8 +245,10 @@ def _center_alone(one, shapes, i, x, y, z, mass):
 
 # force and torque of walls on a particle: (shapes, walls, i, motion, mass); its energy there, and a bound of its
 # stiffness along its coordinates: (shapes, walls, i, x, y, z)
-_push_of_walls = by_shape(None, _push_of_walls_on_spheroid, _push_of_walls_on_beads)
-_energy_on_walls = by_shape(None, _spheroid_on_walls, _beads_on_walls)
+_push_of_walls = by_shape(
+    None, _push_of_walls_on_spheroid, _push_of_walls_on_beads, _push_of_walls_on_superellipsoid
+)  # fmt: skip
+_energy_on_walls = by_shape(None, _spheroid_on_walls, _beads_on_walls, _superellipsoid_on_walls)
 
 
 @inlined
