@@ -13,9 +13,10 @@ import tomli_w
 
 from packmech.calls.docstrings import first_sentence, meanings_of
 from packmech.effects import registered_effects, registered_laws
-from packmech.effects.materials import Material
+from packmech.effects.materials import MIXED, Material
 from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
+from packmech.scenes.material_tables import exception, mixing
 from packmech.scenes.recipes import LIMITS, MOTIONS, NESTED, PACKINGS, bonds, kinds_of_particles
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
@@ -23,8 +24,17 @@ _WIDTH = 100
 _OF_MATERIAL = (
     "This table has no kind. It stands in place of `[[effects]]`, or beside others: it gives the repulsion, the "
     "dashpots and the friction of contacts, the density of a packing that names none, and the law, damping and "
-    "friction of walls that name none."
+    "friction of walls that name none. Where particles are of several kinds there is a table `[[material]]` for each: "
+    "the first is that of kind 0. Each of these may have a `name`, a text."
 )
+# what is said of tables without a kind
+_WITHOUT_KIND: dict[Maker, str] = {
+    Material: _OF_MATERIAL,
+    mixing: "This table has no kind. It stands beside a `[[material]]` for each kind. Stiffnesses have no means: they "
+    "follow from the constants of both.",
+    exception: "These tables have no kind. Each stands for one pair of the `[[material]]` of a scene, and gives one "
+    "constant of it at least.",
+}
 # fields of packings that mean something else in a file than the argument of that name, or have another name
 _IN_FILES = {
     "seed": "Of the random start: the same seed gives the same bits. `--seed` draws another.",
@@ -130,6 +140,8 @@ def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]
     nested = dict.fromkeys(("law", "compression", "tension"), laws)
     yield "[packing]", PACKINGS, NESTED | nested, ("folder",)
     yield "[material]", {"": Material}, {}, ()
+    yield "[mixing]", {"": mixing}, {}, ()
+    yield "[[exception]]", {"": exception}, {}, ()
     yield (
         "[[effects]]",
         kinds_of(registered_effects()) | {kind_of(bonds): bonds},
@@ -162,7 +174,15 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     materials = tables.get("material", [])
     for one in materials if isinstance(materials, list) else [materials]:
         title = "[[material]]" if isinstance(materials, list) else "[material]"
-        lines += ["", title, *_comment(first_sentence(Material)), *_field_lines(one, Material, {}, ())]
+        lines += ["", title, *_comment(first_sentence(Material))]
+        lines += [f"name = {_inline(one['name'])}"] if "name" in one else []
+        lines += _field_lines(one, Material, {}, ())
+    if "mixing" in tables:
+        named = tables["mixing"]
+        means = dict.fromkeys(MIXED, named) if isinstance(named, str) else named
+        lines += ["", "[mixing]", *_comment(first_sentence(mixing)), *_field_lines(means, mixing, {}, ())]
+    for one in tables.get("exception", ()):
+        lines += ["", "[[exception]]", *_comment(first_sentence(exception)), *_field_lines(one, exception, {}, ())]
     acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
     for one in tables.get("effects", ()):
         lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS | MOTIONS, ("packing",))]
@@ -220,7 +240,7 @@ def scene_reference() -> str:
         for name, maker in kinds.items():
             parts += _kind_text(name, maker, nested, given, "###")
         if kinds is PACKINGS:
-            parts += ["## `[kinds]`", *_kind_text("", kinds_of_particles, {}, _OF_KINDS, "")[1:]]
+            parts += ["## `[kinds]`", *_kind_text("", kinds_of_particles, {}, _OF_KINDS, "")]
         shown |= {field: found for field, found in nested.items() if field not in shown and found}
     for field, kinds in shown.items():
         if field in ("compression", "tension"):
@@ -232,7 +252,7 @@ def scene_reference() -> str:
 
 
 def _kind_text(name: str, maker: Maker, nested: Mapping[str, Kinds], given: tuple[str, ...], level: str) -> list[str]:
-    parts = [f'{level} `kind = "{name}"`' if name else _OF_MATERIAL, first_sentence(maker)]
+    parts = [f'{level} `kind = "{name}"`' if name else _WITHOUT_KIND.get(maker, ""), first_sentence(maker)]
     fields = fields_of(maker, nested, given=given)
     if fields:
         rows = ["| field | what stands there | default | meaning |", "|---|---|---|---|"]

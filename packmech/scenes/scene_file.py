@@ -51,7 +51,8 @@ packing may have links: `link_pairs` of particles and `link_lengths`, with `link
 packings takes a `density`, mass over area, or over volume in space, of every particle, which is 1 unless given; an
 inline one may have `masses` instead. It may also have `kinds` of its particles, numbers from 0; in other packings a
 table `[kinds]` assigns them, with the arguments of `pm.assign_kinds`. In place of `[material]` there may be a table
-`[[material]]` for each kind, of whose densities the masses are then; walls name what they do themselves beside these.
+`[[material]]` for each kind, of whose densities the masses are then, with the means of two of them in `[mixing]` and
+what pairs have instead in `[[exception]]` (`material_tables`); walls name what they do themselves beside these.
 Numbers that differ by kinds are tables, `coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }`, and so are laws,
 `kind = "law-by-kind"` with `laws`: rows of a symmetric square, or one for each pair (0, 0), (1, 0), (1, 1), ...
 
@@ -106,6 +107,7 @@ from packmech.files.records import (
     to_table,
 )
 from packmech.scene import Scene, drive_code, drive_kind, registered_drives
+from packmech.scenes.material_tables import BESIDE, read_materials
 from packmech.scenes.recipes import (
     FIELD_OF,
     LIMITS,
@@ -121,7 +123,7 @@ from packmech.scenes.recipes import (
 
 # fields of walls that a material gives
 _OF_MATERIAL = ("law", "damping", "friction")
-_TOP = ("description", "packing", "kinds", "material", "effects", "drive")
+_TOP = ("description", "packing", "kinds", "material", *BESIDE, "effects", "drive")
 
 
 @clear_errors
@@ -170,7 +172,8 @@ def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str,
         Another seed than the file's, for a scene whose packing is random.
     changes
         Other values than the file's by their path, as in ``{"packing.particles": 64}``. An effect is named by its kind,
-        or by its place in the list: ``"effects.friction.coefficient"``, ``"effects.0.law.energy_scale"``.
+        a material by its name, or either by its place in the list: ``"effects.friction.coefficient"``,
+        ``"effects.0.law.energy_scale"``, ``"material.steel.friction"``.
 
     Raises
     ------
@@ -282,7 +285,7 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
     for k, part in enumerate(before):
         entry = _entry(place, part)
         if entry is None:
-            known = list(place) if isinstance(place, dict) else [one.get("kind") for one in place]
+            known = list(place) if isinstance(place, dict) else [_name(one) for one in place]
             where = ".".join(before[:k]) or "the scene"
             near = did_you_mean(part, [str(one) for one in known])
             raise ValueError(f"{path} must lie in what the scene has, got no {part!r} in {where} ({known}){near}")
@@ -299,13 +302,18 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
 
 
 def _entry(place: Any, part: str) -> Any:
-    """Return the name in a table, or the number in a list of kinds, that a part of a path means; None if none."""
+    """Return the name in a table, or the number in a list of tables, that a part of a path means; None if none."""
     if isinstance(place, dict):
         return part if part in place else None
     if part.isdigit():
         return int(part) if int(part) < len(place) else None
-    found = [k for k, one in enumerate(place) if isinstance(one, dict) and one.get("kind") == part]
+    found = [k for k, one in enumerate(place) if isinstance(one, dict) and _name(one) == part]
     return found[0] if len(found) == 1 else None
+
+
+def _name(table: Mapping[str, Any]) -> Any:
+    """Return what names a table in a list: its kind, or a name where it has none."""
+    return table.get("kind", table.get("name"))
 
 
 def _reseed(tables: dict[str, Any], seed: int, changes: Mapping[str, Any]) -> None:
@@ -369,9 +377,9 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
             if maker is Walls:
                 walls[len(effects)] = set(values)
             effects.append(None if maker is bonds else make(maker, values, f"effects[{k}]"))
-    material = None
+    material: Material | Materials | None = None
     with errors.kept():
-        material = _material(tables["material"]) if "material" in tables else None
+        material = read_materials(tables)
     drive = None
     with errors.kept():
         drive = _drive(tables["drive"]) if "drive" in tables else None
@@ -429,20 +437,6 @@ def _refuse_open_walls(where: str, given: set[str]) -> None:
     for name in _OF_MATERIAL:
         if name not in given:
             raise ValueError(f"{where}.{name} must be given for walls beside several materials, got nothing")
-
-
-def _material(table: Any) -> Material | Materials:
-    if isinstance(table, list):
-        return Materials(tuple(_material_of(one, f"material[{k}]") for k, one in enumerate(table)))
-    return _material_of(table, "material")
-
-
-def _material_of(table: Any, where: str) -> Material:
-    if isinstance(table, dict) and "kind" in table:
-        raise ValueError(f"{where}.kind must be left out, got {table['kind']!r}")
-    named = table | {"kind": kind_of(Material)} if isinstance(table, dict) else table
-    made: Material = from_table(named, where, kinds_of((Material,)))
-    return made
 
 
 def _drive(table: Any) -> Any:
