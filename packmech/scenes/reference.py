@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from packmech.calls.docstrings import first_sentence, meanings_of
-from packmech.effects import registered_effects, registered_laws
+from packmech.effects import ByKind, LawByKind
 from packmech.effects.materials import MIXED, Material
-from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
+from packmech.files.records import Kinds, Maker, holds_record, is_record, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
 from packmech.scenes.material_tables import exception, mixing
-from packmech.scenes.recipes import LIMITS, MOTIONS, NESTED, PACKINGS, bonds, kinds_of_particles
+from packmech.scenes.recipes import NESTED, PACKINGS, acting, kinds_of_particles, records_in_fields
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
@@ -44,8 +44,37 @@ _IN_FILES = {
     "radii": "Of all particles [length].",
     "kinds": "Of the particles, whole numbers from 0.",
 }
+# tables by kinds, whose pairs a file cannot name
+_ROWS = "rows of a symmetric square, entry (a, b) for kinds a and b, or a list with one for each pair (0, 0), (1, 0), "
+_BY_KIND = {
+    (LawByKind, "laws"): f"Laws of one class: {_ROWS}(1, 1), (2, 0), ...",
+    (ByKind, "numbers"): f"Numbers: {_ROWS}(1, 1), (2, 0), ...",
+}
 
+_EXAMPLE = """\
+[packing]
+kind = "lattice"
+name = "triangular"
+repeats = [3, 3]
 
+[kinds]
+shares = [2, 1]
+seed = 1
+
+[[effects]]
+kind = "repulsion"
+[effects.law]
+kind = "law-by-kind"
+laws = [
+    [{ kind = "harmonic", energy_scale = 1.0 }, { kind = "harmonic", energy_scale = 1.5 }],
+    [{ kind = "harmonic", energy_scale = 1.5 }, { kind = "harmonic", energy_scale = 3.0 }],
+]
+
+[[effects]]
+kind = "friction"
+coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }
+stiffness = 0.5
+"""
 # parameters of `kinds_of_particles` that are no fields
 _OF_KINDS = ("packing",)
 
@@ -87,7 +116,8 @@ def _words(hint: Any) -> str:
             said += [repr(word).replace("'", '"') for word in typing.get_args(one)]
         elif typing.get_origin(one) is tuple:
             inner = typing.get_args(one)[0]
-            said.append("list of rows" if typing.get_origin(inner) is tuple else f"list of {_words(inner)}s")
+            words = "rows" if typing.get_origin(inner) is tuple else f"{_words(inner)}s" if _words(inner) else ""
+            said.append(f"list of {words}" if words else "list")
         elif one in _WORDS:
             said.append(_WORDS[one])
     return " or ".join(dict.fromkeys(said))
@@ -127,6 +157,8 @@ def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str]
         required = one.default is inspect.Parameter.empty
         if maker in PACKINGS.values() and (name == "seed" or name not in meaning):
             meaning[name] = _IN_FILES.get(name, "")
+        if (maker, name) in _BY_KIND:
+            meaning[name] = _BY_KIND[maker, name]
         found.append(Field(name, words, "" if required else _default(one.default), meaning.get(name, "")))
     return found
 
@@ -136,18 +168,12 @@ def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]
 
     A table without a kind has the empty one.
     """
-    laws = kinds_of(registered_laws())
-    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    nested = records_in_fields()
     yield "[packing]", PACKINGS, NESTED | nested, ("folder",)
     yield "[material]", {"": Material}, {}, ()
     yield "[mixing]", {"": mixing}, {}, ()
     yield "[[exception]]", {"": exception}, {}, ()
-    yield (
-        "[[effects]]",
-        kinds_of(registered_effects()) | {kind_of(bonds): bonds},
-        nested | LIMITS | MOTIONS,
-        ("packing",),
-    )
+    yield "[[effects]]", acting(), nested, ("packing",)
     for name, cls in registered_drives().items():
         methods = {field: kinds_of(classes()) for field, classes in drive_code(cls).nested.items()}
         yield f"[drive] {name}", {name: cls}, methods, ()
@@ -164,8 +190,7 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     ]
     if tables.get("description"):
         lines += [f"description = {_inline(tables['description'])}"]
-    laws = kinds_of(registered_laws())
-    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    nested = records_in_fields()
     lines += ["", "[packing]"]
     lines += _table_lines(tables["packing"], PACKINGS, NESTED | nested, ("folder",))
     if "kinds" in tables:
@@ -183,9 +208,8 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
         lines += ["", "[mixing]", *_comment(first_sentence(mixing)), *_field_lines(means, mixing, {}, ())]
     for one in tables.get("exception", ()):
         lines += ["", "[[exception]]", *_comment(first_sentence(exception)), *_field_lines(one, exception, {}, ())]
-    acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
     for one in tables.get("effects", ()):
-        lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS | MOTIONS, ("packing",))]
+        lines += ["", "[[effects]]", *_table_lines(one, acting(), nested, ("packing",))]
     if "drive" in tables:
         cls = registered_drives()[tables["drive"]["kind"]]
         methods = {name: kinds_of(classes()) for name, classes in drive_code(cls).nested.items()}
@@ -233,6 +257,8 @@ def scene_reference() -> str:
         "A table names its `kind`; a field whose default is `unset` may be left out. A record in a table is a table, "
         'or just the name of its kind: `law = "hertz"`. Values are changed from the command line with '
         "`--set packing.particles=500 --set effects.friction.coefficient=0.1`.",
+        "Laws and numbers that differ by kinds of particles are tables, of rows of a symmetric square:",
+        f"```toml by-kinds.toml\n{_EXAMPLE}```",
     ]
     shown: dict[str, Kinds] = {}
     for title, kinds, nested, given in _places():
@@ -242,11 +268,14 @@ def scene_reference() -> str:
         if kinds is PACKINGS:
             parts += ["## `[kinds]`", *_kind_text("", kinds_of_particles, {}, _OF_KINDS, "")]
         shown |= {field: found for field, found in nested.items() if field not in shown and found}
+    # fields that hold the same kinds are one part
+    fields: dict[tuple[str, ...], list[str]] = {}
     for field, kinds in shown.items():
-        if field in ("compression", "tension"):
-            continue
-        parts.append(f"## Records in a field `{field}`")
-        for name, maker in kinds.items():
+        fields.setdefault(tuple(kinds), []).append(field)
+    for names in fields.values():
+        which = "a field" if len(names) == 1 else "fields"
+        parts.append(f"## Records in {which} " + ", ".join(f"`{name}`" for name in names))
+        for name, maker in shown[names[0]].items():
             parts += _kind_text(name, maker, shown, (), "###")
     return "\n\n".join(parts) + "\n"
 

@@ -68,6 +68,7 @@ from __future__ import annotations
 import copy
 import inspect
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -79,24 +80,11 @@ import tomli_w
 
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
-from packmech.effects import (
-    BY_KIND,
-    ROUGHNESS,
-    Bonds,
-    ByKind,
-    DampingRatio,
-    Mindlin,
-    Walls,
-    damps,
-    law_of,
-    registered_effects,
-    registered_laws,
-)
+from packmech.effects import Bonds, Walls, law_of
 from packmech.effects.materials import Material, Materials
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
     Errors,
-    Kinds,
     OpenKinds,
     TableError,
     from_table,
@@ -110,15 +98,15 @@ from packmech.scene import Scene, drive_code, drive_kind, registered_drives
 from packmech.scenes.material_tables import BESIDE, read_materials
 from packmech.scenes.recipes import (
     FIELD_OF,
-    LIMITS,
-    MOTIONS,
     NESTED,
     PACKINGS,
+    acting,
     bonds,
     bonds_table,
     inline_table,
     is_random,
     kinds_of_particles,
+    records_in_fields,
 )
 
 # fields of walls that a material gives
@@ -220,7 +208,25 @@ def read_scene_tables(path: PathLike) -> tuple[dict[str, Any], Path]:
             raise FileNotFoundError(f"path must name an existing file, got {name!r}")
         data, folder = Path(name).read_bytes(), Path(name).parent
     with _named(name):
-        return tomllib.loads(data.decode("utf-8")), folder
+        text = data.decode("utf-8")
+        try:
+            return tomllib.loads(text), folder
+        except tomllib.TOMLDecodeError:
+            _refuse_one_and_several(text)
+            raise
+
+
+def _refuse_one_and_several(text: str) -> None:
+    """Refuse a table that stands in a file both as one and as one of several, which TOML cannot read."""
+    for name in _TOP:
+        one, several = (re.search(rf"^\s*{form}", text, re.MULTILINE) for form in (rf"\[{name}\]", rf"\[\[{name}\]\]"))
+        if one and several:
+            each = " (one for all particles, or one for each kind)" if name == "material" else ""
+            lines = sorted(1 + text.count("\n", 0, found.end()) for found in (one, several))
+            raise ValueError(
+                f"{name} must be one table [{name}] or several [[{name}]]{each}, got both, in lines "
+                f"{lines[0]} and {lines[1]}"
+            )
 
 
 def scene_of_tables(
@@ -352,26 +358,14 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     if not isinstance(entries, list) or not (entries or "material" in tables):
         errors.found.append(TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}"))
         entries = []
-    laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
-    acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
-    dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
-    nested: dict[str, Kinds] = {
-        **dict.fromkeys(("law", "laws", "compression", "tension"), laws),
-        **dict.fromkeys({name for names in BY_KIND.values() for name in names}, kinds_of((ByKind,))),
-        "damping": dashpots,
-        "stiffness": kinds_of((Mindlin,)),
-        # of walls
-        **{name: kinds_of(kinds) for name, kinds in ROUGHNESS.items()},
-        **LIMITS,
-        **MOTIONS,
-    }
+    known_effects, nested = acting(), records_in_fields()
     # each effect beside its place; bonds are made once the packing is there
     effects: list[Any] = []
     bonded: dict[int, dict[str, Any]] = {}
     walls: dict[int, set[str]] = {}
     for k, table in enumerate(entries):
         with errors.kept():
-            maker, values = read_fields(table, f"effects[{k}]", acting, nested, given=("packing",))
+            maker, values = read_fields(table, f"effects[{k}]", known_effects, nested, given=("packing",))
             if maker is bonds:
                 bonded[len(effects)] = values
             if maker is Walls:

@@ -129,3 +129,15 @@ def test_wrong_means_and_exceptions_are_refused_naming_table_and_field(tmp_path,
     with pytest.raises((TypeError, ValueError), match=message) as error:
         read(tmp_path, PACKING + text)
     assert "scene.toml" in str(error.value)
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_one_material_beside_materials_of_kinds_is_said_to_be_both(tmp_path, first):
+    one = GLASS.replace("[[material]]", "[material]")
+    text = PACKING + (one + STEEL if first else STEEL + one)
+    said = r"material must be one table \[material\] or several \[\[material\]\] .*got both, in lines 10 and 16"
+    with pytest.raises(ValueError, match=said) as error:
+        read(tmp_path, text)
+    assert "scene.toml" in str(error.value)
+    with pytest.raises(ValueError, match=r"effects must be one table \[effects\] or several \[\[effects\]\], got both"):
+        read(tmp_path, PACKING + '[[effects]]\nkind = "repulsion"\n[effects]\nkind = "gravity"\n')
