@@ -24,11 +24,15 @@ def looks_at_kinds(record: Any) -> bool:
 
     It holds a table by kinds, whose class says so (`table_of_kinds`), or is of a user's class that reads `kinds`.
     """
-    return any(getattr(one, "table_of_kinds", False) or _reads_kinds(type(one)) for _, one in records_in(record))
+    for _, one in records_in(record):
+        cls: Any = type(one)
+        if getattr(one, "table_of_kinds", False) or _reads_kinds(cls):
+            return True
+    return False
 
 
 @functools.cache
-def _reads_kinds(cls: type) -> bool:
+def _reads_kinds(cls: Any) -> bool:
     """Return whether methods of a user's class read the kinds of the particles that they are given."""
     if not hasattr(cls, "_fields"):
         return False

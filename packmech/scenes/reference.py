@@ -46,7 +46,7 @@ _IN_FILES = {
 }
 # tables by kinds, whose pairs a file cannot name
 _ROWS = "rows of a symmetric square, entry (a, b) for kinds a and b, or a list with one for each pair (0, 0), (1, 0), "
-_BY_KIND = {
+_BY_KIND: dict[tuple[Maker, str], str] = {
     (LawByKind, "laws"): f"Laws of one class: {_ROWS}(1, 1), (2, 0), ...",
     (ByKind, "numbers"): f"Numbers: {_ROWS}(1, 1), (2, 0), ...",
 }
