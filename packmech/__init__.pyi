@@ -304,6 +304,7 @@ from packmech.dynamics.breaking import BrokenBonds as BrokenBonds
 from packmech.dynamics.simulate import resume as resume
 from packmech.dynamics.simulation import MotionTrace as MotionTrace
 from packmech.dynamics.ledger import EnergyLedger as EnergyLedger
+from packmech.dynamics.moved_walls import MovedWalls as MovedWalls
 from packmech.dynamics.contact_dissipation import contact_dissipation as contact_dissipation
 from packmech.dynamics.contact_dissipation import ContactDissipation as ContactDissipation
 from packmech.dynamics.integrators import VelocityVerlet as VelocityVerlet

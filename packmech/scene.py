@@ -679,6 +679,8 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
         elif isinstance(record, Walls) and name in ("friction", "rolling", "twisting"):
             if is_effect(value):
                 _check_numbers(f"{where}.{name}", value)
+        elif isinstance(record, Walls) and name == "axis" and isinstance(value, str):
+            raise ValueError(f"{where}.axis must be 0, 1 or 2, for x, y or z, got {value!r}")
         elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
         elif name in ("energy_scale", "stiffness", "modulus") and value <= 0 and not (slack and value == 0):

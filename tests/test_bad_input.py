@@ -23,7 +23,7 @@ NAN, INF = float("nan"), float("inf")
 RESULTS = {
     "Answer", "Average", "Cementing", "ConstrainedForce", "ConstraintBasis", "Contacts",
     "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "OscillatoryShear",
-    "JamMethod", "StrainRun", "BrokenBonds", "ContactDissipation", "EnergyLedger",
+    "JamMethod", "StrainRun", "BrokenBonds", "ContactDissipation", "EnergyLedger", "MovedWalls",
     "AmplitudeSweep", "Condition", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
     "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
     "Equilibration", "MaterialConstants", "ParticleShearRun",
@@ -270,6 +270,7 @@ BAD = {
     "MeshWalls.rolling": [3, 0.3, "1", pm.RollingResistance, pm.Friction(0.3)],
     "MeshWalls.twisting": [3, 0.3, "1", pm.TwistingResistance, pm.Friction(0.3)],
     "read_mesh.scale": [NAN, INF, 0.0, -1.0, "1", None, True],
+    "read_mesh.drop_flat": [1, "true", None],
     "Superellipsoids.exponent_n": ["a", None, [], [1.5, 4.0], [NAN, 4.0], [60.0, 4.0]],
     "Superellipsoids.ratio_nd": [3, "a", None, [], [[1.0, 0.0], [1.0, 1.0]], [[NAN, 1.0], [1.0, 1.0]], [[1.0, 1.0]]],
     "Superellipsoids.orientation_nq": [3, "a", None, [], [[0.0, 0.0], [1.0, 0.0]], [[NAN, 1.0], [1.0, 0.0]]],

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
+from packmech.calls.kinds import looks_at_kinds
 from packmech.check import clear_errors
 
 P = ParamSpec("P")
@@ -42,7 +43,8 @@ COLUMNS = {
     "breaking": "bonds that break: Bonds with breaks_at",
     "memory": "interactions that remember, such as JKR",
     "rough": "Walls or MeshWalls with friction, or on which particles roll or spin with resistance",
-    "kinds": "laws and numbers that differ by kinds of particles: LawByKind, ByKind; of walls LawPerKind, PerKind",
+    "kinds": "laws and numbers that differ by kinds of particles: LawByKind, ByKind, and a user's that read kinds; of "
+    "walls LawPerKind, PerKind",
     "moving": "Walls that move, or hold a stress: WallMotion",
     "mesh": "walls of triangles: MeshWalls",
 }
@@ -101,15 +103,9 @@ def columns_of(effect: Any) -> tuple[str, ...]:
         found.append("gravity")
     elif hasattr(effect, "body_force") or hasattr(effect, "spin_drag"):
         found.append("drag")
-    if _differs_by_kinds(effect):
+    if looks_at_kinds(effect):
         found.append("kinds")
     return tuple(found)
-
-
-def _differs_by_kinds(record: Any) -> bool:
-    """Return whether a record holds a table by kinds of particles: its class says so."""
-    within = record if isinstance(record, tuple) else ()
-    return bool(getattr(record, "table_of_kinds", False)) or any(map(_differs_by_kinds, within))
 
 
 def _pushes_at_rest(effect: Any) -> bool:
@@ -204,7 +200,7 @@ class Honors:
             if column == "kinds":
                 raise ValueError(
                     f"{name}.effects must be the same for all kinds of particles for pm.{self.call}, which knows none, "
-                    f"got a table by kinds in {kind} at {k}: take one law or number, or use {self.instead(column)}"
+                    f"got {kind} at {k}, which looks at kinds: take one law or number, or use {self.instead(column)}"
                 )
             if column is not None:
                 # of what is in several columns a call that honors all

@@ -8,18 +8,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.dynamics.faces import face_area
 from packmech.dynamics.friction import frictions_at_contacts, resistance_at_contacts, resistances_at_walls, stiffening
 from packmech.effects import (
     BackgroundDamping,
     Friction,
+    HeldStress,
     RollingResistance,
     TwistingResistance,
+    Walls,
     acting_friction,
     bonds_of,
     interaction_law,
     interactions_of,
     is_bound,
     law_second,
+    moved_along,
     pair_damping,
     resistances,
     roughness_of,
@@ -108,6 +112,26 @@ def lone_motions(scene: Scene, inverse_mass_n: NDArray[np.float64]) -> list[Lone
     for one in scene.effects:
         if isinstance(one, BackgroundDamping):
             found.append(LoneMotion("the drag on a particle", 0.0, one.rate, 1.0, False))
+        if isinstance(one, Walls) and one.moves:
+            found += _pistons(scene, one, lightest)
+    return found
+
+
+def _pistons(scene: Scene, walls: Walls, inverse_mass: float) -> list[LoneMotion]:
+    """Return the motions of faces that hold a stress: on one contact, and by their own dashpot."""
+    packing, found = scene.packing, []
+    radii = (float(packing.radius_n.min()), float(packing.radius_n.max()))
+    spring = min(walls.body_stiffness(radius, overlap) for radius in radii for overlap in _OVERLAPS)
+    area = face_area(packing.box, int(walls.axis))
+    for motion in (walls.low_motion, walls.high_motion):
+        for axis, along in enumerate(moved_along(motion)):
+            if not isinstance(along, HeldStress):
+                continue
+            if axis == int(walls.axis) and not packing.links:
+                both = 1.0 / (along.inertia * area) + inverse_mass
+                found.append(LoneMotion("a face that holds a stress, on a contact,", spring, 0.0, both, False))
+            drag = along.damping / along.inertia
+            found.append(LoneMotion("the dashpot of a face that holds a stress", 0.0, drag, 1.0, False))
     return found
 
 

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.check import positive
+from packmech.contacts.network import effective_radius
 from packmech.effects.pair import effect
 from packmech.effects.partners import Partners
 from packmech.jit.compiled import device
@@ -152,6 +154,19 @@ class DMT(NamedTuple):
         """Return the distance beyond which it is zero [length]."""
         return partners.contact_distance + self.cut * self.separation
 
+    def pull_off_force(self, radius: float, other: float) -> float:
+        """Return the largest tension between particles of two radii, 2 pi w R: what parts them [force].
+
+        >>> round(DMT(adhesion=0.01).pull_off_force(0.5, 0.5) / (2.0 * math.pi * 0.01 * 0.25), 12)
+        1.0
+        """
+        return (
+            2.0
+            * math.pi
+            * self.adhesion
+            * float(effective_radius(positive("radius", radius), positive("other", other)))
+        )
+
     def cap_force(self, distance: float, partners: Partners) -> float:
         """Return the normal force under Coulomb's cap beside the repulsion: -F + 2 F [force]."""
         return 2.0 * math.pi * self.adhesion * partners.effective_radius
@@ -281,6 +296,19 @@ class JKR(NamedTuple):
         if distance >= partners.contact_distance and memory[0] == 0.0:
             return (0.0,)
         return (jkr_square(self.modulus, self.adhesion, partners.effective_radius, memory[0]),)
+
+    def pull_off_force(self, radius: float, other: float) -> float:
+        """Return the largest tension between particles of two radii, (3/2) pi w R: what parts them [force].
+
+        >>> round(JKR(adhesion=0.01).pull_off_force(0.5, 0.5) / (1.5 * math.pi * 0.01 * 0.25), 12)
+        1.0
+        """
+        return (
+            1.5
+            * math.pi
+            * self.adhesion
+            * float(effective_radius(positive("radius", radius), positive("other", other)))
+        )
 
     def cap_force(self, distance: float, partners: Partners) -> float:
         """Return the normal force under Coulomb's cap: F and twice the pull-off force [force]."""

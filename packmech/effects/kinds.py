@@ -7,7 +7,6 @@ walls do to particles of it. Loops know walls as one kind meets them, without ro
 
 from __future__ import annotations
 
-import inspect
 import itertools
 import math
 from collections.abc import Mapping
@@ -16,9 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.calls.kinds import looks_at_kinds, records_in
 from packmech.contacts.network import pair_of_kinds
 from packmech.effects.laws import Law, is_law, law, law_energy, law_first, law_second
-from packmech.effects.partners import Partners, asks_for_partners, equal_partners, partners_of, passes_partners_on
+from packmech.effects.partners import Partners, equal_partners, partners_of, passes_partners_on
 from packmech.jit.compiled import compiled_form, tell_apart
 from packmech.jit.source_key import written_name
 from packmech.packing import Packing
@@ -372,34 +372,12 @@ def tables_in(record: Any) -> list[tuple[str, tuple[Any, ...]]]:
 
 
 def _named_in(record: Any, classes: Any) -> list[tuple[str, tuple[Any, ...]]]:
-    """Return the entries of the tables or rows of some classes in a record, each with its name there."""
-    found: list[tuple[str, tuple[Any, ...]]] = []
-    for name, value in zip(getattr(record, "_fields", ()), record if isinstance(record, tuple) else (), strict=False):
-        if isinstance(value, classes):
-            found.append((name, value[0]))
-        elif hasattr(value, "_fields"):
-            found += [(f"{name}.{within}", table) for within, table in _named_in(value, classes)]
-    return found
-
-
-def _looks_at_kinds(record: Any) -> bool:
-    """Return whether an effect or a law holds a table by kinds, or is of a user's class that is given the kinds."""
-    cls: Any = type(record)
-    if isinstance(record, ByKind | LawByKind):
-        return True
-    if isinstance(record, PerKind | LawPerKind):
-        # of walls, which loops know as each kind meets them
-        return any(_looks_at_kinds(one) for one in record[0] if isinstance(one, tuple))
-    own = hasattr(cls, "_fields") and not cls.__module__.startswith("packmech.")
-    methods = [name for name, method in vars(cls).items() if inspect.isfunction(method)] if own else []
-    if any(name == "pair_damping" or asks_for_partners(cls, name) for name in methods):
-        return True
-    return isinstance(record, tuple) and any(_looks_at_kinds(one) for one in record if isinstance(one, tuple))
+    return [(name, one[0]) for name, one in records_in(record) if isinstance(one, classes)]
 
 
 def kinds_matter(effects: tuple[Any, ...]) -> bool:
     """Return whether an effect may do other things to other kinds of particles: by a table, or as a user's class."""
-    return any(_looks_at_kinds(one) for one in effects)
+    return any(map(looks_at_kinds, effects))
 
 
 def kinds_in(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.int64] | None:

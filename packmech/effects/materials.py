@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import brief, instance, integer, one_of, positive, real
+from packmech.check import brief, did_you_mean, instance, integer, one_of, positive, real
 from packmech.effects.body import Walls
 from packmech.effects.damping import Restitution
 from packmech.effects.friction import DampingRatio, Friction, Mindlin
@@ -32,6 +32,18 @@ MIXING: dict[str, Callable[[float, float], float]] = {
     "mean": lambda one, other: 0.5 * (one + other),
     "min": min,
 }
+# what the means are of
+MIXED = ("friction", "restitution")
+
+
+def _means(mixing: str | Mapping[str, str]) -> dict[str, Callable[[float, float], float]]:
+    """Return the means of what two materials have: one for all, or those that a mapping names."""
+    if not isinstance(mixing, Mapping):
+        return dict.fromkeys(MIXED, MIXING[one_of("mixing", mixing, tuple(MIXING))])
+    for name in mixing:
+        if name not in MIXED:
+            raise ValueError(f"mixing must be of {' or '.join(MIXED)}, got {name!r}{did_you_mean(str(name), MIXED)}")
+    return {name: MIXING[one_of(f"mixing.{name}", mixing.get(name, "geometric"), tuple(MIXING))] for name in MIXED}
 
 
 def _modulus_of(one: Material, other: Material) -> float:
@@ -162,7 +174,7 @@ class Material:
         friction = both._sliding() or ((Friction(0.0),) if self.friction > 0.0 else (None,))
         return Walls._make((axis, low, high, law, *(both._dashpots() or (0.0,)), *friction, *(None,) * 4))
 
-    def mixed(self, other: Material, mixing: str = "geometric") -> Material:
+    def mixed(self, other: Material, mixing: str | Mapping[str, str] = "geometric") -> Material:
         """Return the material of which two bodies touch as one of this and one of the other.
 
         Its E* is that of both, 1/E* = sum of (1 - nu^2) / E, and its G*, 1/G* = sum of (2 - nu) / G, of which the
@@ -174,7 +186,8 @@ class Material:
         other
             The other material.
         mixing
-            Restitution and friction are these means of both: "geometric", "harmonic", "mean" (arithmetic), or "min".
+            Restitution and friction are these means of both: "geometric", "harmonic", "mean" (arithmetic), or "min"; a
+            mapping such as {"friction": "min"} names a mean for each, geometric unless named.
 
         Raises
         ------
@@ -190,7 +203,7 @@ class Material:
 
         """
         instance("other", other, Material)
-        mean = MIXING[one_of("mixing", mixing, tuple(MIXING))]
+        means = _means(mixing)
         modulus = _modulus_of(self, other)
         shear = 1.0 / sum((2.0 - one.poisson_ratio) / one.shear_modulus for one in (self, other))
         # of one material 4 G*/E* = 2 (1 - nu)/(2 - nu)
@@ -200,8 +213,7 @@ class Material:
             young_modulus=2.0 * modulus * (1.0 - poisson**2),
             poisson_ratio=poisson,
             density=0.5 * (self.density + other.density),
-            restitution=mean(self.restitution, other.restitution),
-            friction=mean(self.friction, other.friction),
+            **{name: mean(getattr(self, name), getattr(other, name)) for name, mean in means.items()},
         )
 
     def _law(self, packing: Packing, modulus: float) -> ElasticSpheres | LinearSpring:
@@ -234,7 +246,8 @@ class Materials:
         A `Material` for each kind.
     mixing
         Restitution and friction of two different materials are these means of both: "geometric", "harmonic", "mean"
-        (arithmetic) or "min". Stiffnesses follow from the constants of both (`Material.mixed`).
+        (arithmetic) or "min"; a mapping such as {"friction": "min"} names a mean for each, geometric unless named.
+        Stiffnesses follow from the constants of both (`Material.mixed`).
     exceptions
         What was measured of pairs: {(a, b): {"friction": 0.3}}, with any fields of `Material` but the density; two
         bodies touch then as two of one material with these constants, and for the others those of both. Of a kind with
@@ -262,7 +275,7 @@ class Materials:
     """
 
     materials: Sequence[Material]
-    mixing: str = "geometric"
+    mixing: str | Mapping[str, str] = "geometric"
     exceptions: Mapping[tuple[int, int], Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -271,7 +284,7 @@ class Materials:
         for k, one in enumerate(self.materials):
             instance(f"materials[{k}]", one, Material)
         object.__setattr__(self, "materials", tuple(self.materials))
-        one_of("mixing", self.mixing, tuple(MIXING))
+        _means(self.mixing)
         instance("exceptions", self.exceptions, Mapping)
         known = {each.name for each in fields(Material)} - {"density"}
         checked: dict[tuple[int, int], dict[str, float]] = {}

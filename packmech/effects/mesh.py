@@ -36,6 +36,12 @@ _FLAT = 1e-14
 _SLOTS = 16
 
 
+def flat_triangles(corner_tcd: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which triangles have no area beside the size of all, by the corners of each."""
+    size = float(np.ptp(corner_tcd.reshape(-1, 3), axis=0).max())
+    return np.asarray(face_area_of(corner_tcd) <= _FLAT * size**2)
+
+
 @inner_record
 class MeshRows(NamedTuple):
     """Walls of triangles as loops over single particles know them."""
@@ -174,9 +180,12 @@ class MeshWalls:
         if number.min() < 0 or number.max() >= len(vertex):
             raise ValueError(f"triangles must name vertices below {len(vertex)}, got {number.min()} to {number.max()}")
         corner = vertex[number]
-        flat = face_area_of(corner) <= _FLAT * float(np.ptp(corner.reshape(-1, 3), axis=0).max()) ** 2
+        flat = flat_triangles(corner)
         if flat.any():
-            raise ValueError(f"triangles must have an area, got none of number {int(np.argmax(flat))}")
+            raise ValueError(
+                f"triangles must have an area, got none of number {int(np.argmax(flat))}: pm.read_mesh(..., "
+                "drop_flat=True) leaves such triangles out"
+            )
         for array in (vertex, number):
             array.setflags(write=False)
         object.__setattr__(self, "vertices", vertex)

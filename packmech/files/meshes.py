@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.status import shown_as
-from packmech.check import clear_errors, positive
+from packmech.check import clear_errors, instance, positive
+from packmech.effects.mesh import flat_triangles
 
 
 class Mesh(NamedTuple):
@@ -23,7 +24,7 @@ class Mesh(NamedTuple):
 
 @clear_errors
 @shown_as("reading")
-def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0, drop_flat: bool = False) -> Mesh:
     """Return the triangles in a file of a surface: STL (binary or text), OBJ, PLY, OFF and others that trimesh reads.
 
     Corners at the same place are one. `pm.MeshWalls(*pm.read_mesh("hopper.stl"))` makes walls of it.
@@ -34,13 +35,15 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
         The file.
     scale
         Length that one unit of the file stands for [length]; STL files have no units.
+    drop_flat
+        Leave out triangles without an area, whose corners are the same or in a row: walls refuse them.
 
     Raises
     ------
     ModuleNotFoundError
         If trimesh is not installed: it is the extra `meshes`.
     TypeError, ValueError
-        If an argument is wrong, or the file holds no triangles.
+        If an argument is wrong, or the file holds no triangles, or none with an area where the others are left out.
     FileNotFoundError
         If there is no such file.
 
@@ -56,6 +59,7 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
     if not isinstance(path, str | os.PathLike):
         raise TypeError(f"path must be a file name, got {path!r}")
     positive("scale", scale)
+    instance("drop_flat", drop_flat, bool)
     file = Path(path)
     if not file.is_file():
         raise FileNotFoundError(f"path must name a file, got {str(file)!r}")
@@ -73,4 +77,9 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0) -> Mesh:
     if not len(number):
         raise ValueError(f"path must name a file of triangles, got none in {str(file)!r}")
     corner, same = np.unique(vertex, axis=0, return_inverse=True)
-    return Mesh(scale * corner, np.reshape(same, -1)[number].astype(np.int64))
+    number = np.reshape(same, -1)[number].astype(np.int64)
+    if drop_flat:
+        number = number[~flat_triangles(corner[number])]
+        if not len(number):
+            raise ValueError(f"path must name a file of triangles, got none with an area in {str(file)!r}")
+    return Mesh(scale * corner, number)

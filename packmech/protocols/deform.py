@@ -345,7 +345,8 @@ def deform(
     scene
         The scene of a jammed packing at rest, without friction.
     strain
-        Strains at the end, as `Deformation.strain_tdd` counts them [1].
+        Strains at the end, as `Deformation.strain_tdd` counts them: logarithmic ones along the axes, a side L becomes L
+        exp(strain), which no strain turns inside out [1].
     stress
         Cauchy stresses that are held, tension positive, in the units of `stress_tensor` [energy/length^d]: the pressure
         p of `jam` is -p times `scene.pressure_unit`.

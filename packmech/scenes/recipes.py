@@ -17,11 +17,29 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.check import function, one_of
-from packmech.effects import BondLimits, Bonds, Harmonic, HeldStress, LinearSpring, Repulsion, WallMotion
+from packmech.effects import (
+    BY_KIND,
+    ROUGHNESS,
+    BondLimits,
+    Bonds,
+    ByKind,
+    DampingRatio,
+    Harmonic,
+    HeldStress,
+    LawPerKind,
+    LinearSpring,
+    Mindlin,
+    PerKind,
+    Repulsion,
+    WallMotion,
+    damps,
+    registered_effects,
+    registered_laws,
+)
 from packmech.effects.bonds import bond_contacts
 from packmech.effects.laws import Law
 from packmech.files.packings import read_packing
-from packmech.files.records import kind_of, kinds_of, to_table
+from packmech.files.records import Kinds, OpenKinds, kind_of, kinds_of, to_table
 from packmech.generate import (
     Bidisperse,
     Cluster,
@@ -391,6 +409,31 @@ MOTIONS = {
     **dict.fromkeys(("low_motion", "high_motion"), kinds_of((WallMotion,))),
     **dict.fromkeys("xyz", kinds_of((HeldStress,))),
 }
+
+
+def acting() -> OpenKinds:
+    """Return what may stand among the effects of a scene, by kind."""
+    return OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
+
+
+def records_in_fields() -> dict[str, Kinds]:
+    """Return the records that may stand in fields of effects and of laws, by the name of the field."""
+    laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
+    rows = kinds_of((ByKind, PerKind))
+    dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
+    return {
+        **dict.fromkeys(("laws", "compression", "tension"), laws),
+        "law": OpenKinds(laws | kinds_of((LawPerKind,)), laws.register),
+        **dict.fromkeys(dict.fromkeys(name for names in BY_KIND.values() for name in names), rows),
+        "damping": OpenKinds(dashpots | kinds_of((PerKind,)), dashpots.register),
+        "stiffness": kinds_of((Mindlin,)),
+        # of walls
+        **{name: kinds_of(kinds) for name, kinds in ROUGHNESS.items()},
+        **LIMITS,
+        **MOTIONS,
+    }
+
+
 _SPRINGS = ("compression", "tension", "tangential_stiffness", "damping", "tangential_damping")
 
 

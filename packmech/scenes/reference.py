@@ -12,21 +12,31 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from packmech.calls.docstrings import first_sentence, meanings_of
-from packmech.effects import registered_effects, registered_laws
+from packmech.effects import ByKind, LawByKind
 from packmech.effects.body import Walls
-from packmech.effects.materials import Material
-from packmech.files.records import Kinds, Maker, holds_record, is_record, kind_of, kinds_of, to_table
+from packmech.effects.materials import MIXED, Material
+from packmech.files.records import Kinds, Maker, holds_record, is_record, kinds_of, to_table
 from packmech.scene import drive_code, registered_drives
-from packmech.scenes.recipes import LIMITS, MOTIONS, NESTED, PACKINGS, bonds, kinds_of_particles
+from packmech.scenes.material_tables import exception, mixing
+from packmech.scenes.recipes import NESTED, PACKINGS, acting, kinds_of_particles, records_in_fields
 
 _WORDS = {float: "number", int: "integer", str: "text", bool: "true or false"}
 _WIDTH = 100
 _OF_MATERIAL = (
     "This table has no kind. It stands in place of `[[effects]]`, or beside others: it gives the repulsion, the "
     "dashpots and the friction of contacts, the density of a packing that names none, and the law, damping and "
-    "friction of walls that name none. Several tables `[[material]]` are those of particles of kind 0, 1, ...; walls "
-    "say by their `material` of which they are."
+    "friction of walls that name none. Where particles are of several kinds there is a table `[[material]]` for each: "
+    "the first is that of kind 0. Each of these may have a `name`, a text. Walls say by their `material` of which they "
+    "are."
 )
+# what is said of tables without a kind
+_WITHOUT_KIND: dict[Maker, str] = {
+    Material: _OF_MATERIAL,
+    mixing: "This table has no kind. It stands beside a `[[material]]` for each kind. Stiffnesses have no means: they "
+    "follow from the constants of both.",
+    exception: "These tables have no kind. Each stands for one pair of the `[[material]]` of a scene, and gives one "
+    "constant of it at least.",
+}
 # fields of packings that mean something else in a file than the argument of that name, or have another name
 _IN_FILES = {
     "seed": "Of the random start: the same seed gives the same bits. `--seed` draws another.",
@@ -36,8 +46,37 @@ _IN_FILES = {
     "radii": "Of all particles [length].",
     "kinds": "Of the particles, whole numbers from 0.",
 }
+# tables by kinds, whose pairs a file cannot name
+_ROWS = "rows of a symmetric square, entry (a, b) for kinds a and b, or a list with one for each pair (0, 0), (1, 0), "
+_BY_KIND: dict[tuple[Maker, str], str] = {
+    (LawByKind, "laws"): f"Laws of one class: {_ROWS}(1, 1), (2, 0), ...",
+    (ByKind, "numbers"): f"Numbers: {_ROWS}(1, 1), (2, 0), ...",
+}
 
+_EXAMPLE = """\
+[packing]
+kind = "lattice"
+name = "triangular"
+repeats = [3, 3]
 
+[kinds]
+shares = [2, 1]
+seed = 1
+
+[[effects]]
+kind = "repulsion"
+[effects.law]
+kind = "law-by-kind"
+laws = [
+    [{ kind = "harmonic", energy_scale = 1.0 }, { kind = "harmonic", energy_scale = 1.5 }],
+    [{ kind = "harmonic", energy_scale = 1.5 }, { kind = "harmonic", energy_scale = 3.0 }],
+]
+
+[[effects]]
+kind = "friction"
+coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }
+stiffness = 0.5
+"""
 # parameters of `kinds_of_particles` that are no fields
 _OF_KINDS = ("packing",)
 
@@ -54,10 +93,10 @@ class Field(NamedTuple):
 # a field of walls that no record has
 _MATERIAL_OF_WALLS = Field(
     "material",
-    "integer",
+    "integer or text",
     "unset",
-    "Beside several tables `[[material]]`: the place of that which the walls are made of, 0 for the first. Law, "
-    "damping and friction that are not named follow from it and the material of each kind of particles.",
+    "Beside several tables `[[material]]`: the name of that which the walls are made of, or its number, 0 for the "
+    "first. Law, damping and friction that are not given follow from it and the material of each kind of particles.",
 )
 
 
@@ -89,7 +128,8 @@ def _words(hint: Any) -> str:
             said += [repr(word).replace("'", '"') for word in typing.get_args(one)]
         elif typing.get_origin(one) is tuple:
             inner = typing.get_args(one)[0]
-            said.append("list of rows" if typing.get_origin(inner) is tuple else f"list of {_words(inner)}s")
+            words = "rows" if typing.get_origin(inner) is tuple else f"{_words(inner)}s" if _words(inner) else ""
+            said.append(f"list of {words}" if words else "list")
         elif one in _WORDS:
             said.append(_WORDS[one])
     return " or ".join(dict.fromkeys(said))
@@ -129,6 +169,8 @@ def fields_of(maker: Maker, nested: Mapping[str, Kinds], *, given: Iterable[str]
         required = one.default is inspect.Parameter.empty
         if maker in PACKINGS.values() and (name == "seed" or name not in meaning):
             meaning[name] = _IN_FILES.get(name, "")
+        if (maker, name) in _BY_KIND:
+            meaning[name] = _BY_KIND[maker, name]
         found.append(Field(name, words, "" if required else _default(one.default), meaning.get(name, "")))
     return [*found, _MATERIAL_OF_WALLS] if maker is Walls else found
 
@@ -138,16 +180,12 @@ def _places() -> Iterator[tuple[str, Kinds, Mapping[str, Kinds], tuple[str, ...]
 
     A table without a kind has the empty one.
     """
-    laws = kinds_of(registered_laws())
-    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    nested = records_in_fields()
     yield "[packing]", PACKINGS, NESTED | nested, ("folder",)
     yield "[material]", {"": Material}, {}, ()
-    yield (
-        "[[effects]]",
-        kinds_of(registered_effects()) | {kind_of(bonds): bonds},
-        nested | LIMITS | MOTIONS,
-        ("packing",),
-    )
+    yield "[mixing]", {"": mixing}, {}, ()
+    yield "[[exception]]", {"": exception}, {}, ()
+    yield "[[effects]]", acting(), nested, ("packing",)
     for name, cls in registered_drives().items():
         methods = {field: kinds_of(classes()) for field, classes in drive_code(cls).nested.items()}
         yield f"[drive] {name}", {name: cls}, methods, ()
@@ -164,8 +202,7 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     ]
     if tables.get("description"):
         lines += [f"description = {_inline(tables['description'])}"]
-    laws = kinds_of(registered_laws())
-    nested = dict.fromkeys(("law", "compression", "tension"), laws)
+    nested = records_in_fields()
     lines += ["", "[packing]"]
     lines += _table_lines(tables["packing"], PACKINGS, NESTED | nested, ("folder",))
     if "kinds" in tables:
@@ -174,10 +211,17 @@ def commented_scene(tables: Mapping[str, Any]) -> str:
     materials = tables.get("material", [])
     for one in materials if isinstance(materials, list) else [materials]:
         title = "[[material]]" if isinstance(materials, list) else "[material]"
-        lines += ["", title, *_comment(first_sentence(Material)), *_field_lines(one, Material, {}, ())]
-    acting = kinds_of(registered_effects()) | {kind_of(bonds): bonds}
+        lines += ["", title, *_comment(first_sentence(Material))]
+        lines += [f"name = {_inline(one['name'])}"] if "name" in one else []
+        lines += _field_lines(one, Material, {}, ())
+    if "mixing" in tables:
+        named = tables["mixing"]
+        means = dict.fromkeys(MIXED, named) if isinstance(named, str) else named
+        lines += ["", "[mixing]", *_comment(first_sentence(mixing)), *_field_lines(means, mixing, {}, ())]
+    for one in tables.get("exception", ()):
+        lines += ["", "[[exception]]", *_comment(first_sentence(exception)), *_field_lines(one, exception, {}, ())]
     for one in tables.get("effects", ()):
-        lines += ["", "[[effects]]", *_table_lines(one, acting, nested | LIMITS | MOTIONS, ("packing",))]
+        lines += ["", "[[effects]]", *_table_lines(one, acting(), nested, ("packing",))]
     if "drive" in tables:
         cls = registered_drives()[tables["drive"]["kind"]]
         methods = {name: kinds_of(classes()) for name, classes in drive_code(cls).nested.items()}
@@ -225,6 +269,8 @@ def scene_reference() -> str:
         "A table names its `kind`; a field whose default is `unset` may be left out. A record in a table is a table, "
         'or just the name of its kind: `law = "hertz"`. Values are changed from the command line with '
         "`--set packing.particles=500 --set effects.friction.coefficient=0.1`.",
+        "Laws and numbers that differ by kinds of particles are tables, of rows of a symmetric square:",
+        f"```toml by-kinds.toml\n{_EXAMPLE}```",
     ]
     shown: dict[str, Kinds] = {}
     for title, kinds, nested, given in _places():
@@ -232,19 +278,22 @@ def scene_reference() -> str:
         for name, maker in kinds.items():
             parts += _kind_text(name, maker, nested, given, "###")
         if kinds is PACKINGS:
-            parts += ["## `[kinds]`", *_kind_text("", kinds_of_particles, {}, _OF_KINDS, "")[1:]]
+            parts += ["## `[kinds]`", *_kind_text("", kinds_of_particles, {}, _OF_KINDS, "")]
         shown |= {field: found for field, found in nested.items() if field not in shown and found}
+    # fields that hold the same kinds are one part
+    fields: dict[tuple[str, ...], list[str]] = {}
     for field, kinds in shown.items():
-        if field in ("compression", "tension"):
-            continue
-        parts.append(f"## Records in a field `{field}`")
-        for name, maker in kinds.items():
+        fields.setdefault(tuple(kinds), []).append(field)
+    for names in fields.values():
+        which = "a field" if len(names) == 1 else "fields"
+        parts.append(f"## Records in {which} " + ", ".join(f"`{name}`" for name in names))
+        for name, maker in shown[names[0]].items():
             parts += _kind_text(name, maker, shown, (), "###")
     return "\n\n".join(parts) + "\n"
 
 
 def _kind_text(name: str, maker: Maker, nested: Mapping[str, Kinds], given: tuple[str, ...], level: str) -> list[str]:
-    parts = [f'{level} `kind = "{name}"`' if name else _OF_MATERIAL, first_sentence(maker)]
+    parts = [f'{level} `kind = "{name}"`' if name else _WITHOUT_KIND.get(maker, ""), first_sentence(maker)]
     fields = fields_of(maker, nested, given=given)
     if fields:
         rows = ["| field | what stands there | default | meaning |", "|---|---|---|---|"]

@@ -51,7 +51,8 @@ packing may have links: `link_pairs` of particles and `link_lengths`, with `link
 packings takes a `density`, mass over area, or over volume in space, of every particle, which is 1 unless given; an
 inline one may have `masses` instead. It may also have `kinds` of its particles, numbers from 0; in other packings a
 table `[kinds]` assigns them, with the arguments of `pm.assign_kinds`. In place of `[material]` there may be a table
-`[[material]]` for each kind, of whose densities the masses are then; walls name what they do themselves beside these.
+`[[material]]` for each kind, of whose densities the masses are then, with the means of two of them in `[mixing]` and
+what pairs have instead in `[[exception]]` (`material_tables`); walls name what they do themselves beside these.
 Numbers that differ by kinds are tables, `coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }`, and so are laws,
 `kind = "law-by-kind"` with `laws`: rows of a symmetric square, or one for each pair (0, 0), (1, 0), (1, 1), ...
 
@@ -67,6 +68,7 @@ from __future__ import annotations
 import copy
 import inspect
 import os
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -78,26 +80,11 @@ import tomli_w
 
 from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
-from packmech.effects import (
-    BY_KIND,
-    ROUGHNESS,
-    Bonds,
-    ByKind,
-    DampingRatio,
-    LawPerKind,
-    Mindlin,
-    PerKind,
-    Walls,
-    damps,
-    law_of,
-    registered_effects,
-    registered_laws,
-)
+from packmech.effects import Bonds, Walls, law_of
 from packmech.effects.materials import Material, Materials
 from packmech.files.packings import PathLike, replacing, target_file
 from packmech.files.records import (
     Errors,
-    Kinds,
     OpenKinds,
     TableError,
     from_table,
@@ -108,23 +95,24 @@ from packmech.files.records import (
     to_table,
 )
 from packmech.scene import Scene, drive_code, drive_kind, registered_drives
+from packmech.scenes.material_tables import BESIDE, material_of_walls, read_materials
 from packmech.scenes.recipes import (
     FIELD_OF,
-    LIMITS,
-    MOTIONS,
     NESTED,
     PACKINGS,
+    acting,
     bonds,
     bonds_table,
     inline_table,
     is_random,
     kinds_of_particles,
+    records_in_fields,
 )
 
-# fields of walls that a material gives; of several it is named by its place, in this field of the table alone
+# fields of walls that a material gives; of several it is named in a field of the file's own
 _OF_MATERIAL = ("law", "damping", "friction")
 _MATERIAL = "material"
-_TOP = ("description", "packing", "kinds", "material", "effects", "drive")
+_TOP = ("description", "packing", "kinds", "material", *BESIDE, "effects", "drive")
 
 
 @clear_errors
@@ -173,7 +161,8 @@ def read_scene(path: PathLike, *, seed: int | None = None, changes: Mapping[str,
         Another seed than the file's, for a scene whose packing is random.
     changes
         Other values than the file's by their path, as in ``{"packing.particles": 64}``. An effect is named by its kind,
-        or by its place in the list: ``"effects.friction.coefficient"``, ``"effects.0.law.energy_scale"``.
+        a material by its name, or either by its place in the list: ``"effects.friction.coefficient"``,
+        ``"effects.0.law.energy_scale"``, ``"material.steel.friction"``.
 
     Raises
     ------
@@ -220,7 +209,25 @@ def read_scene_tables(path: PathLike) -> tuple[dict[str, Any], Path]:
             raise FileNotFoundError(f"path must name an existing file, got {name!r}")
         data, folder = Path(name).read_bytes(), Path(name).parent
     with _named(name):
-        return tomllib.loads(data.decode("utf-8")), folder
+        text = data.decode("utf-8")
+        try:
+            return tomllib.loads(text), folder
+        except tomllib.TOMLDecodeError:
+            _refuse_one_and_several(text)
+            raise
+
+
+def _refuse_one_and_several(text: str) -> None:
+    """Refuse a table that stands in a file both as one and as one of several, which TOML cannot read."""
+    for name in _TOP:
+        one, several = (re.search(rf"^\s*{form}", text, re.MULTILINE) for form in (rf"\[{name}\]", rf"\[\[{name}\]\]"))
+        if one and several:
+            each = " (one for all particles, or one for each kind)" if name == "material" else ""
+            lines = sorted(1 + text.count("\n", 0, found.end()) for found in (one, several))
+            raise ValueError(
+                f"{name} must be one table [{name}] or several [[{name}]]{each}, got both, in lines "
+                f"{lines[0]} and {lines[1]}"
+            )
 
 
 def scene_of_tables(
@@ -285,7 +292,7 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
     for k, part in enumerate(before):
         entry = _entry(place, part)
         if entry is None:
-            known = list(place) if isinstance(place, dict) else [one.get("kind") for one in place]
+            known = list(place) if isinstance(place, dict) else [_name(one) for one in place]
             where = ".".join(before[:k]) or "the scene"
             near = did_you_mean(part, [str(one) for one in known])
             raise ValueError(f"{path} must lie in what the scene has, got no {part!r} in {where} ({known}){near}")
@@ -302,13 +309,18 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
 
 
 def _entry(place: Any, part: str) -> Any:
-    """Return the name in a table, or the number in a list of kinds, that a part of a path means; None if none."""
+    """Return the name in a table, or the number in a list of tables, that a part of a path means; None if none."""
     if isinstance(place, dict):
         return part if part in place else None
     if part.isdigit():
         return int(part) if int(part) < len(place) else None
-    found = [k for k, one in enumerate(place) if isinstance(one, dict) and one.get("kind") == part]
+    found = [k for k, one in enumerate(place) if isinstance(one, dict) and _name(one) == part]
     return found[0] if len(found) == 1 else None
+
+
+def _name(table: Mapping[str, Any]) -> Any:
+    """Return what names a table in a list: its kind, or a name where it has none."""
+    return table.get("kind", table.get("name"))
 
 
 def _reseed(tables: dict[str, Any], seed: int, changes: Mapping[str, Any]) -> None:
@@ -347,20 +359,7 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
     if not isinstance(entries, list) or not (entries or "material" in tables):
         errors.found.append(TypeError(f"effects must be a list of tables ([[effects]]), got {entries or 'nothing'}"))
         entries = []
-    laws = OpenKinds(kinds_of(registered_laws()), "pm.law")
-    acting = OpenKinds(kinds_of(registered_effects()) | {kind_of(bonds): bonds}, "pm.effect")
-    dashpots = OpenKinds(kinds_of((*filter(damps, registered_effects()), DampingRatio)), "pm.effect")
-    nested: dict[str, Kinds] = {
-        **dict.fromkeys(("laws", "compression", "tension"), laws),
-        "law": OpenKinds(laws | kinds_of((LawPerKind,)), laws.register),
-        **dict.fromkeys({name for names in BY_KIND.values() for name in names}, kinds_of((ByKind, PerKind))),
-        "damping": OpenKinds(dashpots | kinds_of((PerKind,)), dashpots.register),
-        "stiffness": kinds_of((Mindlin,)),
-        # of walls
-        **{name: kinds_of(kinds) for name, kinds in ROUGHNESS.items()},
-        **LIMITS,
-        **MOTIONS,
-    }
+    known_effects, nested = acting(), records_in_fields()
     # each effect beside its place; bonds are made once the packing is there
     effects: list[Any] = []
     bonded: dict[int, dict[str, Any]] = {}
@@ -370,17 +369,17 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         with errors.kept():
             named = isinstance(table, dict) and table.get("kind") == kind_of(Walls) and _MATERIAL in table
             if named:
-                made_of[len(effects)] = _place_of_material(table[_MATERIAL], f"effects[{k}]", tables.get("material"))
+                made_of[len(effects)] = material_of_walls(table[_MATERIAL], f"effects[{k}]", tables)
                 table = {name: value for name, value in table.items() if name != _MATERIAL}
-            maker, values = read_fields(table, f"effects[{k}]", acting, nested, given=("packing",))
+            maker, values = read_fields(table, f"effects[{k}]", known_effects, nested, given=("packing",))
             if maker is bonds:
                 bonded[len(effects)] = values
             if maker is Walls:
                 walls[len(effects)] = set(values)
             effects.append(None if maker is bonds else make(maker, values, f"effects[{k}]"))
-    material = None
+    material: Material | Materials | None = None
     with errors.kept():
-        material = _material(tables["material"]) if "material" in tables else None
+        material = read_materials(tables)
     drive = None
     with errors.kept():
         drive = _drive(tables["drive"]) if "drive" in tables else None
@@ -443,28 +442,6 @@ def _refuse_open_walls(where: str, given: set[str]) -> None:
                 f"{where}.{name} must be given for walls beside several materials, got nothing: say which of them the "
                 f"walls are made of, as in {_MATERIAL} = 0"
             )
-
-
-def _place_of_material(place: Any, where: str, materials: Any) -> int:
-    """Return the place of the material among the tables [[material]] that walls are made of."""
-    if not isinstance(materials, list):
-        has = "nothing" if materials is None else "one table [material], which walls are made of anyway"
-        raise ValueError(f"{where}.{_MATERIAL} must stand beside tables [[material]], got {has}")
-    return integer(f"{where}.{_MATERIAL}", place, at_least=0, at_most=len(materials) - 1)
-
-
-def _material(table: Any) -> Material | Materials:
-    if isinstance(table, list):
-        return Materials(tuple(_material_of(one, f"material[{k}]") for k, one in enumerate(table)))
-    return _material_of(table, "material")
-
-
-def _material_of(table: Any, where: str) -> Material:
-    if isinstance(table, dict) and "kind" in table:
-        raise ValueError(f"{where}.kind must be left out, got {table['kind']!r}")
-    named = table | {"kind": kind_of(Material)} if isinstance(table, dict) else table
-    made: Material = from_table(named, where, kinds_of((Material,)))
-    return made
 
 
 def _drive(table: Any) -> Any:

@@ -201,13 +201,13 @@ class _RunPicture:
         if looped:
             axes = self._plot(self.figure.add_axes((0.73, 0.58, 0.25, 0.34)))
             axes.plot(trajectory.strain_t, trajectory.stress_t, color="#7aaee6", lw=1.0)
-            axes.set_title("stress against strain", color=INK, fontsize=8)
+            axes.set_title("stress against strain", color=INK, fontsize=8, loc="right")
             self.dots.append((axes.plot([], [], "o", color=NOW, ms=5)[0], None))
         height = (top - bottom) / max(1, len(rows))
         for k, name in enumerate(rows):
             axes = self._plot(self.figure.add_axes((0.73, top - (k + 1) * height + 0.035, 0.25, height - 0.065)))
             axes.plot(*trajectory.curves[name], color="#7aaee6", lw=1.0)
-            axes.set_title(name, color=INK, fontsize=8, pad=2)
+            axes.set_title(name, color=INK, fontsize=8, pad=2, loc="right")
             self.dots.append((axes.plot([], [], "o", color=NOW, ms=4)[0], trajectory.curves[name]))
 
     def _plot(self, axes: Any) -> Any:
@@ -215,6 +215,9 @@ class _RunPicture:
         axes.tick_params(colors=INK, labelsize=6)
         for spine in axes.spines.values():
             spine.set_color("#4a5260")
+        # a power of ten of the numbers stands above them, at the left, where titles leave room
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.get_offset_text().set(color=INK, fontsize=6)
         return axes
 
     def write(self, frame: PackingFrame, path: Path, format: str) -> Path:

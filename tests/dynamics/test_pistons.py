@@ -140,3 +140,25 @@ def test_the_ledger_of_grains_under_a_piston_closes_and_runs_go_on_with_the_same
         assert one.packing == whole.packing and one.walls.effects == whole.walls.effects
         assert np.array_equal(one.velocity_nd, whole.velocity_nd)
         assert np.array_equal(one.ledger.residual_t[-1], whole.ledger.residual_t[-1])
+
+
+@pytest.mark.parametrize("inertia", [1e-3, 1e-5])
+def test_a_face_asks_for_time_steps_below_two_over_its_own_frequency_on_a_contact(inertia):
+    """Verlet's limit dt = 2 / sqrt(2 k (1/M + 1/m)): an overlap with a wall is half that with the mirror image."""
+    scene = plate(high_motion=pm.WallMotion(y=pm.HeldStress(-0.1, inertia=inertia)))
+    limit = 2.0 / math.sqrt(2.0 * STIFF * (1.0 / (12.0 * inertia) + 1.0))
+    run = pm.simulate(scene, steps=10, dt=1.1 * limit, check=False)
+    assert run.outcome is pm.Outcome.STEP_TOO_LONG
+    (condition,) = [one for one in run.unmet if one.name == "time step"]
+    assert "a face that holds a stress" in condition.hint
+    assert condition.asked == pytest.approx(limit, rel=1e-2)
+    assert pm.simulate(scene, steps=10, dt=0.5 * limit, check=False).outcome is pm.Outcome.FINISHED
+
+
+def test_a_dashpot_of_a_face_asks_for_time_steps_below_its_own_time():
+    scene = plate(high_motion=pm.WallMotion(y=pm.HeldStress(-0.1, inertia=1.0, damping=500.0)))
+    run = pm.simulate(scene, steps=10, dt=0.004, check=False)
+    (condition,) = [one for one in run.unmet if one.name == "time step"]
+    assert "the dashpot of a face that holds a stress" in condition.hint
+    # as of the drag on a particle: Verlet's dashpot sees extrapolated velocities
+    assert condition.asked == pytest.approx(1.0 / 500.0, rel=0.1)

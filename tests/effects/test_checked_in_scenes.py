@@ -39,3 +39,8 @@ def test_every_record_that_cannot_check_its_numbers_says_who_does():
     assert len(effects) > 20
     silent = [one.__name__ for one in effects if "checked when a `Scene` is made with it" not in (one.__doc__ or "")]
     assert not silent
+
+
+def test_walls_across_an_axis_by_letter_are_told_its_number():
+    with pytest.raises(ValueError, match=r"effects\[0\].axis must be 0, 1 or 2, for x, y or z, got 'y'"):
+        pm.Scene(pm.lattice_packing("square"), (pm.Walls(axis="y", low=0.0, high=0.5),))

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 
 import packmech as pm
 from packmech.effects.cohesion import jkr_root
-from packmech.effects.partners import partners_of
+from packmech.effects.partners import Partners, partners_of
 
 W, E, SIGMA = 0.01, 2.0, 1.0
 RADIUS = 0.25
@@ -557,3 +557,19 @@ def test_several_kinds_of_cohesion_act_together_as_the_sum_of_each(several):
 def test_a_repulsion_beside_jkr_which_contains_one_is_refused():
     with pytest.raises(ValueError, match="must hold no Repulsion beside JKR"):
         pm.Scene(pair(3, 0.99 * SIGMA), (pm.Repulsion(pm.Hertz()), pm.JKR(E, W)))
+
+
+@pytest.mark.parametrize(("radius", "other"), [(0.5, 0.5), (0.2, 1.5)])
+def test_the_pull_off_force_is_the_largest_tension_on_the_way_apart(radius, other):
+    """-(3/2) pi w R of JKR's contact, -2 pi w R of DMT's, by formula and as the largest slope of the energy."""
+    w, effective = 0.02, radius * other / (radius + other)
+    partners = Partners(radius + other, effective)
+    jkr, dmt = pm.JKR(modulus=3.0, adhesion=w), pm.DMT(adhesion=w)
+    assert jkr.pull_off_force(radius, other) == pytest.approx(1.5 * math.pi * w * effective, rel=1e-14)
+    assert dmt.pull_off_force(radius, other) == pytest.approx(2.0 * math.pi * w * effective, rel=1e-14)
+    apart = np.linspace(partners.contact_distance - 0.05, jkr.reach(partners), 20_001)[:-1]
+    bound = jkr.remember(apart[0], partners, (0.0,))
+    pull = max(jkr.interaction_first(float(one), partners, 1.0, bound)[0] for one in apart)
+    assert jkr.pull_off_force(radius, other) == pytest.approx(pull, rel=1e-6)
+    pull = max(dmt.interaction_first(float(one), partners, 1.0)[0] for one in apart)
+    assert dmt.pull_off_force(radius, other) == pytest.approx(pull, rel=1e-12)

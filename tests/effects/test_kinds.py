@@ -337,6 +337,13 @@ def test_friction_of_two_materials_is_the_mean_that_was_asked_for(mixing, due):
     assert pm.Materials((GLASS, STEEL), mixing).of(1, 0).friction == pytest.approx(due, rel=1e-14)
 
 
+def test_each_number_may_have_a_mean_of_its_own():
+    both = pm.Materials((GLASS, STEEL), {"friction": "min"}).of(0, 1)
+    assert both.friction == min(GLASS.friction, STEEL.friction)
+    assert both.restitution == GLASS.mixed(STEEL).restitution
+    assert GLASS.mixed(STEEL, {"friction": "min"}) == both
+
+
 def test_what_was_measured_of_a_pair_stands_for_means():
     both = pm.Materials((GLASS, STEEL), exceptions={(1, 0): {"friction": 0.7}, (1, 1): {"restitution": 0.3}})
     assert both.of(0, 1).friction == 0.7 and both.of(1, 1).restitution == 0.3 and both.of(0, 0) == GLASS
@@ -356,6 +363,10 @@ def test_materials_that_are_none_or_too_few_are_refused(beads):
         pm.Materials(GLASS)
     with pytest.raises(ValueError, match="mixing must be one of 'geometric'"):
         pm.Materials((GLASS, STEEL), "largest")
+    with pytest.raises(ValueError, match="mixing.friction must be one of 'geometric'"):
+        pm.Materials((GLASS, STEEL), {"friction": "largest"})
+    with pytest.raises(ValueError, match="mixing must be of friction or restitution, got 'frictoin'; did you mean"):
+        pm.Materials((GLASS, STEEL), {"frictoin": "min"})
     with pytest.raises(ValueError, match="as many kinds as there are materials, 1, got 2"):
         pm.Materials((GLASS,)).effects(beads)
 

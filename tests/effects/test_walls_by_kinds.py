@@ -334,7 +334,7 @@ friction = { coefficient = { values = [0.1, 0.2] } }
     path.write_text(SCENE + 'material = 0\ndamping = { kind = "per-kind", values = [0.5, 0.7] }\n')
     assert pm.read_scene(path).effects[-1].damping == pm.PerKind([0.5, 0.7])
     path.write_text(SCENE + "material = 2\n")
-    with pytest.raises(ValueError, match=r"effects\[0\].material must be an integer at least 0 and at most 1, got 2"):
+    with pytest.raises(ValueError, match=r"effects\[0\].material must name materials by number, from 0 to 1"):
         pm.read_scene(path)
     path.write_text(SCENE)
     with pytest.raises(ValueError, match=r"effects\[0\].law must be given .*, got nothing: say .* material = 0"):

@@ -65,6 +65,23 @@ def test_compliance_is_that_of_explicit_links(scenes, dimension, freeze):
         assert np.abs(found.compliance_kee[k] - expected).max() < 1e-9 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("freeze", ["angles", "nothing"])
+def test_compliance_of_particles_of_two_kinds_is_that_of_a_dense_null_space_and_of_explicit_links(freeze):
+    start = pm.random_packing(24, dimension=2, sizes=BIDISPERSE, packing_fraction=0.6, seed=1)
+    law = pm.LawByKind([[pm.Harmonic(1.0), pm.Harmonic(4.0)], [pm.Harmonic(4.0), pm.Harmonic(0.3)]])
+    scene = pm.Scene(pm.assign_kinds(start, (1, 1), seed=2), (pm.Repulsion(law),))
+    scene = scene.replace(packing=pm.jam(scene, pressure=1e-6).packing)
+    assert len(set(pm.find_contacts(scene.packing).kinds_c.tolist())) == 3
+    found = pm.cement(scene, seed=2, freeze=freeze, kind="exact")
+    moving = np.flatnonzero(found.stiff_k < len(found.compliance_kee[0]))
+    for k in moving[::3]:
+        expected = dense_compliance(scene, found.links.select(found.added_l <= found.cemented_k[k]), "exact")
+        assert np.abs(found.compliance_kee[k] - expected).max() < 1e-11 * np.abs(expected).max()
+    for k in np.flatnonzero(found.stiff_k == 0)[::3]:
+        expected = pm.compliance_matrix(scene.replace(packing=found.packing_at(k)))
+        assert np.abs(found.compliance_kee[k] - expected).max() < 1e-9 * np.abs(expected).max()
+
+
 def test_bounds_are_those_of_moduli_with_links(scenes):
     found = pm.cement(scenes[3], seed=0, kind="exact")
     moduli = pm.elastic_moduli(pm.Scene(found.packing_at(6), (pm.Repulsion(),)))

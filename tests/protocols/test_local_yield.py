@@ -10,17 +10,23 @@ from scipy.optimize import minimize
 import packmech as pm
 
 CENTER, RADIUS = np.array([3.0, 6.0]), 2.5
+# of pairs of two kinds
+STIFFNESS = np.array([[1.0, 0.6], [0.6, 2.0]])
 
 
 @functools.cache
-def scene(pressure=3e-3):
+def scene(pressure=3e-3, kinds=1):
     start = pm.random_packing(128, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.86, seed=3)
-    whole = pm.Scene(start, (pm.Repulsion(),))
+    law = pm.Harmonic()
+    if kinds > 1:
+        start = pm.assign_kinds(start, (1, 1), seed=5)
+        law = pm.LawByKind([[pm.Harmonic(number) for number in row] for row in STIFFNESS.tolist()])
+    whole = pm.Scene(start, (pm.Repulsion(law),))
     return whole.replace(packing=pm.jam(whole, pressure=pressure).packing)
 
 
 def patch_about(packing, center, radius, direction=0.0):
-    """Return places from the center turned so that the flow is along x, radii, and which are free, by all images."""
+    """Return places from the center turned so that the flow is along x, radii, which are free, and kinds."""
     lattice = packing.box.lattice_dd
     images = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)])
     apart = packing.position_nd - center + (images @ lattice.T)[:, None]
@@ -29,10 +35,11 @@ def patch_about(packing, center, radius, direction=0.0):
     turned = near @ np.array([[cos, -sin], [sin, cos]])
     far = np.hypot(*near.T)
     kept = far < radius + 3.0
-    return turned[kept], packing.radius_n[kept], far[kept] < radius
+    kind = np.zeros(packing.particles, dtype=int) if packing.kind_n is None else packing.kind_n
+    return turned[kept], packing.radius_n[kept], far[kept] < radius, kind[kept]
 
 
-def energy_and_slopes(place, radius, free):
+def energy_and_slopes(place, radius, free, kind):
     """Return the energy of harmonic discs, those of pairs that are held left out, and its slopes."""
     i, j = np.triu_indices(len(place), 1)
     some = free[i] | free[j]
@@ -40,21 +47,22 @@ def energy_and_slopes(place, radius, free):
     sigma, vector = radius[i] + radius[j], place[j] - place[i]
     distance = np.hypot(*vector.T)
     overlap = np.maximum(1.0 - distance / sigma, 0.0)
-    pull = -(overlap / (sigma * distance))[:, None] * vector
+    stiffness = STIFFNESS[kind[i], kind[j]]
+    pull = -(stiffness * overlap / (sigma * distance))[:, None] * vector
     slope = np.zeros_like(place)
     np.add.at(slope, j, pull)
     np.add.at(slope, i, -pull)
-    return 0.5 * float((overlap**2).sum()), slope
+    return 0.5 * float((stiffness * overlap**2).sum()), slope
 
 
-def minimal_energies(place, radius, free, strains):
+def minimal_energies(place, radius, free, kind, strains):
     """Return least energies of a patch at strains, each minimized from the last by a library's method."""
     now, before, found = place.copy(), 0.0, []
 
     def of(free_x):
         whole = now.copy()
         whole[free] = free_x.reshape(-1, 2)
-        energy, slope = energy_and_slopes(whole, radius, free)
+        energy, slope = energy_and_slopes(whole, radius, free, kind)
         return energy, slope[free].ravel()
 
     for strain in strains:
@@ -70,17 +78,20 @@ def minimal_energies(place, radius, free, strains):
 
 
 @functools.cache
-def fallen():
-    return pm.local_yield_stress(scene(), [CENTER], radius=RADIUS, directions=(0.0, math.pi / 2.0), largest_strain=0.08)
+def fallen(kinds=1):
+    return pm.local_yield_stress(
+        scene(kinds=kinds), [CENTER], radius=RADIUS, directions=(0.0, math.pi / 2.0), largest_strain=0.08
+    )
 
 
-def test_a_patch_falls_where_a_minimization_by_other_means_loses_energy():
-    run = fallen()
+@pytest.mark.parametrize("kinds", [1, 2])
+def test_a_patch_falls_where_a_minimization_by_other_means_loses_energy(kinds):
+    run = fallen(kinds)
     k = int(np.argmax(run.energy_drop_pk[0]))
     strain, drop = run.yield_strain_pk[0, k], run.energy_drop_pk[0, k]
     # near the fall a minimization that starts too far away leaves for another minimum
     near = [*np.arange(0.0, strain - 1e-3, 1e-3), *(strain - np.geomspace(1e-3, 4e-5, 12))]
-    patch = patch_about(scene().packing, CENTER, RADIUS, run.direction_k[k])
+    patch = patch_about(scene(kinds=kinds).packing, CENTER, RADIUS, run.direction_k[k])
     energy = minimal_energies(*patch, [*near, *(strain + np.array([-3e-5, -2e-5, -1e-5, 1e-5]))])[-4:]
     # up to the fall the energy grows steadily, and behind it what is missing is what the fall freed
     grown = np.diff(energy)
@@ -89,20 +100,21 @@ def test_a_patch_falls_where_a_minimization_by_other_means_loses_energy():
     assert 2.0 * grown[1] - grown[2] == pytest.approx(drop, rel=2e-3)
 
 
-def test_the_stress_of_a_patch_is_half_of_each_virial_to_either_particle():
-    run = fallen()
+@pytest.mark.parametrize("kinds", [1, 2])
+def test_the_stress_of_a_patch_is_half_of_each_virial_to_either_particle(kinds):
+    run, whole = fallen(kinds), scene(kinds=kinds)
     for k, direction in enumerate(run.direction_k):
-        place, radius, free = patch_about(scene().packing, CENTER, RADIUS, direction)
+        place, radius, free, kind = patch_about(whole.packing, CENTER, RADIUS, direction)
         total = 0.0
         for i in range(len(place)):
             for j in range(i):
                 vector = place[i] - place[j]
                 distance, sigma = np.hypot(*vector), radius[i] + radius[j]
                 if distance < sigma:
-                    share = 0.5 * (float(free[i]) + float(free[j]))
+                    share = 0.5 * (float(free[i]) + float(free[j])) * STIFFNESS[kind[i], kind[j]]
                     total -= share * (1.0 - distance / sigma) / sigma * vector[0] * vector[1] / distance
-        area = math.pi * (radius[free] ** 2).sum() / pm.packing_fraction(scene().packing)
-        assert run.start_stress_pk[0, k] * scene().pressure_unit == pytest.approx(total / area, rel=1e-10)
+        area = math.pi * (radius[free] ** 2).sum() / pm.packing_fraction(whole.packing)
+        assert run.start_stress_pk[0, k] * whole.pressure_unit == pytest.approx(total / area, rel=1e-10)
         assert run.free_p[0] == free.sum()
 
 

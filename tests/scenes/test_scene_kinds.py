@@ -5,7 +5,7 @@ import tomllib
 import pytest
 
 import packmech as pm
-from packmech.scenes.reference import commented_scene
+from packmech.scenes.reference import commented_scene, scene_reference
 
 EFFECTS = """
 [[effects]]
@@ -91,3 +91,15 @@ def test_a_commented_scene_with_kinds_is_read_as_the_one_without_comments(tmp_pa
     text = commented_scene(tomllib.loads(EFFECTS + RANDOM + SHARES))
     assert "Share of the particles of kind 0, 1, and so on" in text
     assert read(tmp_path, text) == scene
+
+
+def test_the_tables_by_kinds_that_the_page_on_scene_files_shows_are_read(tmp_path):
+    text = scene_reference().partition("```toml by-kinds.toml\n")[2].partition("```")[0]
+    scene = read(tmp_path, text)
+    repulsion, friction = scene.effects
+    assert repulsion.law == pm.LawByKind({(0, 0): pm.Harmonic(1.0), (0, 1): pm.Harmonic(1.5), (1, 1): pm.Harmonic(3.0)})
+    assert friction.coefficient == pm.ByKind({(0, 0): 0.5, (0, 1): 0.1, (1, 1): 0.3})
+    pm.write_scene(scene, tmp_path / "again.toml")
+    assert pm.read_scene(tmp_path / "again.toml") == scene
+    # no field offers pairs, which TOML cannot name
+    assert "{(a, b): " not in scene_reference()
