@@ -27,6 +27,7 @@ from packmech.effects import (
     pair_damping,
     resistances,
     roughness_of,
+    walls_met,
 )
 from packmech.effects.kinds import bounding_partners
 from packmech.effects.pair import at_overlap
@@ -121,7 +122,8 @@ def _pistons(scene: Scene, walls: Walls, inverse_mass: float) -> list[LoneMotion
     """Return the motions of faces that hold a stress: on one contact, and by their own dashpot."""
     packing, found = scene.packing, []
     radii = (float(packing.radius_n.min()), float(packing.radius_n.max()))
-    spring = min(walls.body_stiffness(radius, overlap) for radius in radii for overlap in _OVERLAPS)
+    met = walls_met(walls, packing)
+    spring = min(one.body_stiffness(radius, overlap) for one in met for radius in radii for overlap in _OVERLAPS)
     area = face_area(packing.box, int(walls.axis))
     for motion in (walls.low_motion, walls.high_motion):
         for axis, along in enumerate(moved_along(motion)):
