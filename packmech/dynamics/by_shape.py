@@ -177,7 +177,7 @@ def _whole(shapes, touch):
 
 
 @inlined
-def _first_column(shapes, axes, stretch_pk, pair, k):
+def _first_column(shapes, columns, stretch_pk, pair, k):
     return 0
 
 

@@ -287,7 +287,8 @@ def _choose_normal_under_cap(effects: Any, pair: Any, touch: Any, normal: Any) -
 @inlined
 def spring_of(laws, pair, k):
     """Return where the spring of the k-th touch of a pair stands."""
-    return Spring(laws.stretch_pk, pair.p, place_of_spring(laws.shapes, laws.axes, laws.stretch_pk, pair, k))
+    columns = spring_columns(laws.friction, laws.axes)
+    return Spring(laws.stretch_pk, pair.p, place_of_spring(laws.shapes, columns, laws.stretch_pk, pair, k))
 
 
 @inlined

@@ -456,14 +456,14 @@ def slip_of_bodies(bodies, axes, body, pair, k, touch, u):
 
 
 @inlined
-def place_of_spring(bodies, axes, stretch_pk, pair, k):
-    """Return the first column of the spring of the k-th touch in a row, which has room for the largest bodies."""
+def place_of_spring(bodies, columns, stretch_pk, pair, k):
+    """Return the first of so many columns of the k-th touch in a row, which has room for the largest bodies."""
     if stretch_pk is None:
         return 0
-    start, components = bodies.beads.start_n, 3 if len(axes) == 3 else 1
-    most = int(round(math.sqrt(stretch_pk.shape[1] // components)))
+    start, size = bodies.beads.start_n, len(columns)
+    most = int(round(math.sqrt(stretch_pk.shape[1] // size)))
     others = start[pair.j + 1] - start[pair.j]
-    return components * (k // others * most + k % others)
+    return size * (k // others * most + k % others)
 
 
 @inlined

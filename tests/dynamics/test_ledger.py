@@ -188,6 +188,14 @@ def test_ellipses_with_friction_close():
     assert ledger.dissipated["sliding"][-1] > 0.0
 
 
+def test_bodies_that_touch_in_several_places_close_with_springs_of_mindlin():
+    bodies = pm.random_packing(20, dimension=2, packing_fraction=0.9, seed=1, shapes=pm.Trimer(angle=2.0))
+    friction = pm.Friction(0.4, pm.Mindlin(0.3), damping=0.2)
+    scene = pm.Scene(bodies, (pm.Repulsion(pm.Hertz()), SMOOTH, friction))
+    ledger = closed(pm.simulate(scene, steps=300, dt=0.02, temperature=1e-3, seed=1, ledger=True))
+    assert ledger.dissipated["stiffness_changes"][-1] > 0.0
+
+
 def test_held_particles_that_move_do_the_work():
     scene = jammed(*GRAINS)
     scene = scene.replace(effects=(*scene.effects, pm.FixedParticles((0, 1), velocity=(0.02, 0.0))))

@@ -8,6 +8,7 @@ import pytest
 
 import packmech as pm
 from packmech.dynamics.engine import build_engine
+from packmech.effects import mindlin_stiffness
 
 # Young's modulus, Poisson's ratio, and the law of two equal spheres of radius 0.5 made of them
 YOUNG, POISSON = 2.0, 0.3
@@ -242,3 +243,22 @@ def test_scene_files_name_it_and_bad_numbers_are_refused(tmp_path):
     ):
         with pytest.raises(ValueError, match=said):
             contact_of(0.01, (HERTZ, wrong))
+
+
+@pytest.mark.parametrize(("dimension", "fraction"), [(2, 0.9), (3, 0.62)])
+def test_bodies_whose_law_is_a_linear_spring_have_the_constant_spring_that_follows_at_each_place_they_touch(
+    dimension, fraction
+):
+    bodies = pm.random_packing(16, dimension=dimension, packing_fraction=fraction, seed=1, shapes=pm.Trimer(angle=2.0))
+    normal = (pm.Repulsion(pm.LinearSpring(2.0)), pm.ContactDamping(0.1))
+    constant = mindlin_stiffness(pm.Mindlin(0.3), 2.0, 0)
+    ends = [
+        pm.simulate(
+            pm.Scene(bodies, (*normal, pm.Friction(0.4, stiffness, 0.1))),
+            steps=200, dt=0.02, temperature=1e-3, seed=1, check=False,
+        )
+        for stiffness in (pm.Mindlin(0.3), constant)
+    ]  # fmt: skip
+    assert len(ends[0].packing.tangential) > 16
+    np.testing.assert_allclose(ends[0].packing.position_nd, ends[1].packing.position_nd, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(ends[0].spin_nk, ends[1].spin_nk, rtol=0.0, atol=1e-12)
