@@ -4,7 +4,8 @@
 A force f that kicks velocities from v to v' for a time t does the work t f.(v + v')/2 on them, exactly. So the kinetic
 energy, summed over rows, changes in a kick by the sum of such works over contacts, bonds and single particles but for
 rounding, and between kicks where a box that deforms changes peculiar velocities, or a heat bath any. What a channel
-takes up, less what it then stores, is the error of the integrator.
+takes up, less what it then stores, is the error of the integrator. So is what shapes in space gain in kinetic energy as
+they turn between kicks, where nothing twists them: a channel that stores nothing.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from packmech.dynamics.by_shape import (
     dragged_to,
     energy_of_row,
     push_on_row,
+    spin_of_turn,
     steepness,
     touch_of_rows,
     touches_of,
@@ -102,6 +104,7 @@ STORING = (
     "bodies",
     "walls",
     "pistons",
+    "turning",
 )
 DISSIPATING = (
     "normal_dashpots", "tangential_dashpots", "sliding", "rolling", "twisting", "bond_dashpots", "breaking", "drag",
@@ -109,18 +112,22 @@ DISSIPATING = (
 )  # fmt: skip
 WORKING = ("box", "held", "pushing", "bath", "moved_walls", "held_stress")
 CONTACTS, INTERACTIONS, TANGENTIAL, ROLLING, TWISTING, BONDS, BOND_TANGENTIAL, BODIES, WALLS, PISTONS = range(10)
-DASHPOTS, TANGENTIAL_DASHPOTS, SLIDING, ROLLED, TWISTED, BOND_DASHPOTS, BREAKING, DRAG, WALL_DASHPOTS = range(10, 19)
-STIFFNESS_CHANGES, FORMING, PISTON_DASHPOTS = 19, 20, 21
-BOX, HELD, PUSHING, BATH, MOVED_WALLS, HELD_STRESS = range(22, 28)
-CHANNELS, STORED = 28, 10
+TURNING = 10
+DASHPOTS, TANGENTIAL_DASHPOTS, SLIDING, ROLLED, TWISTED, BOND_DASHPOTS, BREAKING, DRAG, WALL_DASHPOTS = range(11, 20)
+STIFFNESS_CHANGES, FORMING, PISTON_DASHPOTS = 20, 21, 22
+BOX, HELD, PUSHING, BATH, MOVED_WALLS, HELD_STRESS = range(23, 29)
+CHANNELS, STORED = 29, 11
 # columns of the figures: sums over the time so far, energies stored now, kinetic energy of what is free, now and once
-# it is kicked, energy of single particles that wrapping took away, and what the next step's first kick adds to each sum
-ENERGY, KINETIC, KICKED, SHIFT = CHANNELS, CHANNELS + STORED, CHANNELS + STORED + 1, CHANNELS + STORED + 2
+# it is kicked, of the latter what shapes in space have as they turn, energy of single particles that wrapping took
+# away, and what the next step's first kick adds to each sum
+ENERGY, KINETIC, KICKED, TURNED, SHIFT = CHANNELS, *(CHANNELS + STORED + k for k in range(4))
 AHEAD = SHIFT + 1
 FIGURES = AHEAD + CHANNELS
-# columns of a block: works of the last kick, of the first one, energies, kinetic ones before, between and after them
+# columns of a block: works of the last kick, of the first one, energies, kinetic ones before, between and after them,
+# and those of shapes in space that turn, before and after
 _EARLY, _ENERGY, _BEFORE, _BETWEEN, _AFTER = CHANNELS, 2 * CHANNELS, *(2 * CHANNELS + STORED + k for k in range(3))
-_COLUMNS = _AFTER + 1
+_BEFORE_TURN, _AFTER_TURN = _AFTER + 1, _AFTER + 2
+_COLUMNS = _AFTER_TURN + 1
 # of the contact at which a step left most, and of the one that gave most energy from where it is dissipated: how much,
 # its rows, and the time
 LEFT, GAVE = 0, 4
@@ -639,13 +646,55 @@ _account_of_bonds = by_type(
 
 
 @inlined
-def _account_rows(account, kicks, axes, state, low, high, b):
+def _no_turns(shapes, account, kicks, axes, state, i, b):
+    return 0.0
+
+
+@inlined
+def _account_turn(shapes, account, kicks, axes, state, i, b):
+    """Do the same with the spin of a shape in space, whose row holds its angular momentum over a moment of inertia."""
+    part_bk, inverse, ahead = account.part_bk, state.weight_nk[i, 1], 4 if kicks.at_start else 0
+    rows = state.body if kicks.at_start else state.half
+    before = rows[i, ahead + 3], rows[i, ahead + 4], rows[i, ahead + 5]
+    torque = state.push[i, 3], state.push[i, 4], state.push[i, 5]
+    first = spin_of_turn(shapes, axes, i, before[0], before[1], before[2])
+    gain = spin_of_turn(shapes, axes, i, inverse * torque[0], inverse * torque[1], inverse * torque[2])
+    energy_before = energy_between = energy_after = held = 0.0
+    for a in range(3):
+        between, after = first[a] + kicks.late * gain[a], first[a] + (kicks.late + kicks.early) * gain[a]
+        account.late_nk[i, 3 + a] = 0.5 * (first[a] + between)
+        account.early_nk[i, 3 + a] = 0.5 * (between + after)
+        held -= torque[a] * between
+        momentum, change = before[a], inverse * torque[a]
+        energy_before += momentum * first[a]
+        energy_between += (momentum + kicks.late * change) * between
+        energy_after += (momentum + (kicks.late + kicks.early) * change) * after
+    if inverse == 0.0:
+        return held
+    share = 0.5 / inverse
+    part_bk[b, _BEFORE] += share * energy_before
+    part_bk[b, _BETWEEN] += share * energy_between
+    part_bk[b, _AFTER] += share * energy_after
+    part_bk[b, _BEFORE_TURN] += share * energy_before
+    part_bk[b, _AFTER_TURN] += share * energy_after
+    return 0.0
+
+
+# sets the mean spins of a row whose spin is not what it holds, and books their energy; returns the power that holds it
+_account_turns = by_type(_account_turn, {type(None): _no_turns})
+
+
+@inlined
+def _account_rows(account, kicks, axes, state, shapes, low, high, b):
     """Set the mean velocities of rows in both kicks, and book their kinetic energies and what moves held ones."""
     d, part_bk = len(axes), account.part_bk
     body, push, half, weight = state.body, state.push, state.half, state.weight_nk
+    of_shapes = shapes is not None and d == 3
     for i in range(low, high):
         held = 0.0
-        for a in range(push.shape[1]):
+        if of_shapes:
+            held = _account_turns(shapes, account, kicks, axes, state, i, b)
+        for a in range(d if of_shapes else push.shape[1]):
             inverse = weight[i, 0] if a < d else weight[i, 1]
             before = body[i, 4 + a] if kicks.at_start else half[i, a]
             between = before + kicks.late * inverse * push[i, a]
@@ -725,7 +774,7 @@ def _account_spin_drag(visiting, laws, shapes, i, rate, flow):
     else:
         ox, oy, oz = dragged_to(shapes, axes, i, wx, wy, wz)
         push = 0.0, 0.0, 0.0, -rate * (body[i, 7] - ox), -rate * (body[i, 8] - oy), -rate * (body[i, 9] - oz)
-        spun = push[3] * ox + push[4] * oy + push[5] * oz
+        spun = push[3] * wx + push[4] * wy + push[5] * wz
     late, early = _given(account, kicks, axes, i, push)
     _add(visiting, DRAG, kicks.late * spun - late, kicks.early * spun - early)
     _add(visiting, BOX, kicks.late * spun, kicks.early * spun)
@@ -893,15 +942,17 @@ def _close(account, between, at_start, time):
         # at the start no kick has come before: what springs give up is all
         number[c] += node[c] if at_start else number[AHEAD + c] + node[c]
     if not at_start:
-        # what changes velocities between the kicks: a box that deforms, or a heat bath
+        # what changes velocities between the kicks: a box that deforms, or a heat bath, which changes spins, too
+        turned = 0.0 if between == BATH else node[_BEFORE_TURN] - number[TURNED]
+        number[TURNING] -= turned
         if between >= 0:
-            number[between] += node[_BEFORE] - number[KICKED]
+            number[between] += node[_BEFORE] - number[KICKED] - turned
     for c in range(CHANNELS):
         number[AHEAD + c] = node[_EARLY + c]
     for c in range(STORED):
         number[ENERGY + c] = node[_ENERGY + c]
     number[ENERGY + BODIES] += number[SHIFT]
-    number[KINETIC], number[KICKED] = node[_BETWEEN], node[_AFTER]
+    number[KINETIC], number[KICKED], number[TURNED] = node[_BETWEEN], node[_AFTER], node[_AFTER_TURN]
     for b in range(worst_bk.shape[0]):
         for place in range(LEFT, WORST, GAVE):
             if not worst_bk[b, place] <= worst[place]:
@@ -959,7 +1010,7 @@ def _book_kicks(account, system, thread, blocks, pace, kicks, time):
             account.part_bk[b, c] = 0.0
         for c in range(WORST):
             account.worst_bk[b, c] = 0.0
-        _account_rows(account, kicks, axes, state, row_b[b], row_b[b + 1], b)
+        _account_rows(account, kicks, axes, state, acting.shapes, row_b[b], row_b[b + 1], b)
     if is_first(thread):
         # in the first block, which is its own
         _account_faces(faces_of(acting.walls), account, kicks, axes, state.body.shape[0])
@@ -990,7 +1041,7 @@ def book_each(system, account, kicks, pace, pairs):
     springs = _with_springs(laws, pace, account.spring_pk)
     now = _with_springs(laws, Now(pace.after), inner_stretches(system.track))
     # at the velocities as they are
-    _account_rows(account, Kicks(0.0, 0.0, True), axes, state, 0, n, 0)
+    _account_rows(account, Kicks(0.0, 0.0, True), axes, state, acting.shapes, 0, n, 0)
     _account_bodies(acting.bodies, account, kicks, laws, state, acting.shapes, 0, n, 0)
     for b in range(system.pairs.row_b.shape[0] - 1):
         _account_each(acting.pairs, account, kicks, springs, system.pairs, b)

@@ -142,7 +142,7 @@ class Book:
 
 
 def refuse_unknown(argument: str, scene: Scene) -> None:
-    """Refuse what no channel is known of: rigid links, and shapes in space, which turn without torques.
+    """Refuse what no channel is known of: rigid links.
 
     Parameters
     ----------
@@ -152,14 +152,10 @@ def refuse_unknown(argument: str, scene: Scene) -> None:
         The scene.
 
     """
-    packing, shapes = scene.packing, scene.packing.shapes
+    packing = scene.packing
     if packing.links:
         raise ValueError(
             f"{argument} must have no rigid links where energies are accounted for, got {len(packing.links)} links"
-        )
-    if shapes.has_orientations and packing.dimension == 3:
-        raise ValueError(
-            f"{argument} must hold spheres where energies are accounted for in space, got {type(shapes).__name__}"
         )
 
 

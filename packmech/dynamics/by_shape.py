@@ -294,6 +294,8 @@ energy_of_row = by_type(
     lambda one, shapes, body, i, mass: _energy_of_kind(shapes, one, body, i, mass),
     {KindWalls: lambda one, shapes, body, i, mass: _energy_of_kind(shapes, one.walls[one.kind_n[i]], body, i, mass)},
 )
+# the angular velocity of a row in space, of what it holds
+spin_of_turn = by_shape(_same, of_spheroids.spin_of_turn, of_bodies.turned_by)
 # what a row holds where it turns with a flow
 dragged_to = by_shape(_same, of_spheroids.dragged_to, of_bodies.dragged_to)
 # what a row holds of an isotropic random vector, so that its square is as the inertia along each axis

@@ -96,7 +96,7 @@ def contact_dissipation(
     Parameters
     ----------
     scene
-        The scene, without rigid links and `Mindlin`'s springs; of shapes in space spheres only.
+        The scene, without rigid links and `Mindlin`'s springs.
     velocity_nd
         (N, d) velocities [length/time].
     spin_nk
@@ -107,7 +107,8 @@ def contact_dissipation(
     Returns
     -------
     ContactDissipation
-        Powers, whose sum is the rate at which `EnergyLedger.dissipated_t` grows.
+        Powers, whose sum is the rate at which `EnergyLedger.dissipated_t` grows. Of a pair of bodies that touch in
+        several places sliding and dashpots are told apart for all of them together.
 
     Raises
     ------

@@ -54,7 +54,9 @@ class EnergyLedger:
 
     Channels that store: "contacts", "interactions", springs of friction ("tangential"), "rolling", "twisting", "bonds",
     "bond_tangential", "bodies" (potentials of single particles), "walls", and "pistons" (the kinetic energy of walls
-    that hold a stress). That dissipate: "normal_dashpots", "tangential_dashpots", "sliding", "rolling", "twisting",
+    that hold a stress); "turning" stores nothing: what shapes in space lose of their kinetic energy as they turn freely
+    is left by the integrator (beside `Langevin` it is in "bath"). That dissipate: "normal_dashpots",
+    "tangential_dashpots", "sliding", "rolling", "twisting",
     "bond_dashpots", "breaking" (of bonds), "drag", "wall_dashpots", "piston_dashpots" (of walls that hold a stress),
     "stiffness_changes" (what `Mindlin`'s springs lose as the normal force changes under them) and "interactions" (what
     forming and breaking of `JKR` contacts and bridges takes). That do work: the deforming "box", particles that are

@@ -86,12 +86,18 @@ def excess_of_spin(along, across):
 
 
 @inlined
+def spin_of_turn(shapes, axes, i, u, v, w):
+    """Return the angular velocity of a spheroid in space whose row holds this."""
+    x, y, z = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
+    about = u * x + v * y + w * z
+    about *= excess_of_spin(shapes.along_n[i], shapes.across_n[i])
+    return u + about * x, v + about * y, w + about * z
+
+
+@inlined
 def spin_in_space(shapes, body, i):
     """Return the angular velocity of a spheroid."""
-    x, y, z = shapes.unit_nd[i, 0], shapes.unit_nd[i, 1], shapes.unit_nd[i, 2]
-    about = body[i, 7] * x + body[i, 8] * y + body[i, 9] * z
-    about *= excess_of_spin(shapes.along_n[i], shapes.across_n[i])
-    return body[i, 7] + about * x, body[i, 8] + about * y, body[i, 9] + about * z
+    return spin_of_turn(shapes, (0, 1, 2), i, body[i, 7], body[i, 8], body[i, 9])
 
 
 def rows_of_spins(shapes: ShapeRows, spin_nk: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -90,8 +90,7 @@ def simulate(
     ledger
         Account for the energy: `run.ledger` says how much work went in, what is stored and where the rest was
         dissipated, every `trace_every` steps or some two hundred times. It changes no bit; a step takes two
-        and a half to four times as long. Not with rigid links, shapes other than spheres in space, nor thermal noise in
-        a box that deforms.
+        and a half to four times as long. Not with rigid links, nor with thermal noise in a box that deforms.
     trace_every
         Keep figures every so many steps, in `trace`; the first and last step always.
     trace_positions

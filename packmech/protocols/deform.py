@@ -532,7 +532,7 @@ def deform_at_rate(
         Time step; a tenth of the shortest time of a contact unless given.
     ledger
         Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at. Not
-        with thermal noise, nor with shapes other than spheres in space.
+        with thermal noise.
     time_limit
         Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress

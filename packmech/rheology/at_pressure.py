@@ -228,7 +228,7 @@ def shear_at_pressure(
     ledger
         Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at, from
         the start on, whatever `skip_strain` is. Of a start with overlaps most of the energy is that of these: go on
-        from `run.packing`. Not with thermal noise, nor with shapes other than spheres in space.
+        from `run.packing`. Not with thermal noise.
     time_limit
         Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
     progress
