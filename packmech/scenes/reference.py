@@ -53,30 +53,30 @@ _BY_KIND: dict[tuple[Maker, str], str] = {
     (ByKind, "numbers"): f"Numbers: {_ROWS}(1, 1), (2, 0), ...",
 }
 
-_EXAMPLE = """\
-[packing]
-kind = "lattice"
-name = "triangular"
-repeats = [3, 3]
-
-[kinds]
-shares = [2, 1]
-seed = 1
-
-[[effects]]
-kind = "repulsion"
-[effects.law]
-kind = "law-by-kind"
-laws = [
-    [{ kind = "harmonic", energy_scale = 1.0 }, { kind = "harmonic", energy_scale = 1.5 }],
-    [{ kind = "harmonic", energy_scale = 1.5 }, { kind = "harmonic", energy_scale = 3.0 }],
-]
-
-[[effects]]
-kind = "friction"
-coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }
-stiffness = 0.5
-"""
+_EXAMPLE = (
+    "[packing]\n"
+    'kind = "lattice"\n'
+    'name = "triangular"\n'
+    "repeats = [3, 3]\n"
+    "\n"
+    "[kinds]\n"
+    "shares = [2, 1]\n"
+    "seed = 1\n"
+    "\n"
+    "[[effects]]\n"
+    'kind = "repulsion"\n'
+    "[effects.law]\n"
+    'kind = "law-by-kind"\n'
+    "laws = [\n"
+    '    [{ kind = "harmonic", energy_scale = 1.0 }, { kind = "harmonic", energy_scale = 1.5 }],\n'
+    '    [{ kind = "harmonic", energy_scale = 1.5 }, { kind = "harmonic", energy_scale = 3.0 }],\n'
+    "]\n"
+    "\n"
+    "[[effects]]\n"
+    'kind = "friction"\n'
+    "coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }\n"
+    "stiffness = 0.5\n"
+)
 # parameters of `kinds_of_particles` that are no fields
 _OF_KINDS = ("packing",)
 
