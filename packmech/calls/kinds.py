@@ -26,13 +26,13 @@ def looks_at_kinds(record: Any) -> bool:
     """
     for _, one in records_in(record):
         cls: Any = type(one)
-        if getattr(one, "table_of_kinds", False) or _reads_kinds(cls):
+        if getattr(one, "table_of_kinds", False) or reads_kinds(cls):
             return True
     return False
 
 
 @functools.cache
-def _reads_kinds(cls: Any) -> bool:
+def reads_kinds(cls: Any) -> bool:
     """Return whether methods of a user's class read the kinds of the particles that they are given."""
     if not hasattr(cls, "_fields"):
         return False

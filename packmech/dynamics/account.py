@@ -70,20 +70,20 @@ from packmech.dynamics.wall_friction import (
     VisitedWalls,
     energy_of_push,
     faces_of,
-    let_go,
     normal_at_moving_wall,
+    release_springs,
     slipping_at_wall,
     visit_wall,
     walk_walls,
 )
 from packmech.effects import (
     ConstantRolling,
-    KindWalls,
     MeshRows,
     Mindlin,
     RoughContacts,
     ViscousRolling,
     Walls,
+    on_row,
     spin_drag,
 )
 from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
@@ -729,15 +729,16 @@ def _set_still(still_nk, body, i):
 
 
 @device
-def _account_single(one, visiting, laws, state, shapes, i):
+def _account_single(acting, visiting, laws, state, shapes, i):
+    one = on_row(acting, i)
     axes, body, account, kicks = laws.axes, laws.body, visiting.account, visiting.kicks
     d, mass = len(axes), state.mass_n[i]
-    whole = push_on_row(one, shapes, axes, body, i, mass)
-    still = push_on_row(one, shapes, axes, account.still_nk, i, mass)
+    whole = push_on_row(shapes, one, axes, body, i, mass)
+    still = push_on_row(shapes, one, axes, account.still_nk, i, mass)
     x, y, z = with_flow(laws.rates, 0.0, 0.0, 0.0, body[i, 0], body[i, 1], body[i, 2] if d == 3 else 0.0)
     carried = still[0] * x + still[1] * y + still[2] * z
     late, early = _given(account, kicks, axes, i, still)
-    _book(one, visiting, late, early, kicks, carried, energy_of_row(one, shapes, body, i, mass))
+    _book(one, visiting, late, early, kicks, carried, energy_of_row(shapes, one, body, i, mass))
     whole_late, whole_early = _given(account, kicks, axes, i, whole)
     _resist(one, visiting, late - whole_late, early - whole_early)
     drag, inverse = spin_drag(one), state.weight_nk[i, 1]
@@ -800,11 +801,10 @@ def _book(one: Any, visiting: Any, late: float, early: float, kicks: Any, carrie
 
 @compiled_form(_book, inline=True)
 def _choose_book(one: Any, visiting: Any, late: Any, early: Any, kicks: Any, carried: Any, energy: Any) -> Any:
-    cls = one.instance_class
-    return _book_energy if cls is KindWalls or hasattr(cls, "body_energy") else _book_pushing
+    return _book_energy if hasattr(one.instance_class, "body_energy") else _book_pushing
 
 
-_channel = by_type(lambda one: BODIES, dict.fromkeys((Walls, KindWalls, MeshRows), lambda one: WALLS))
+_channel = by_type(lambda one: BODIES, {Walls: lambda one: WALLS, MeshRows: lambda one: WALLS})
 
 
 # books what of a force goes with the velocity
@@ -818,7 +818,7 @@ def _resist_by_wall(one, visiting, late, early):
     _add(visiting, WALL_DASHPOTS, late, early)
 
 
-_resist = by_type(_resist_by_drag, dict.fromkeys((Walls, KindWalls, MeshRows), _resist_by_wall))
+_resist = by_type(_resist_by_drag, {Walls: _resist_by_wall, MeshRows: _resist_by_wall})
 _account_bodies = by_type(
     _account_singles, {type(None): lambda bodies, account, kicks, laws, state, shapes, low, high, b: None}
 )
@@ -877,9 +877,9 @@ def _account_at_wall(visiting, one, axes, state, i, touch, spring, value):
     return value
 
 
-@let_go.form(Accounting)
+@release_springs.form(Accounting)
 @inlined
-def _let_go(visiting, one, axes, spring):
+def _release_at_surface(visiting, one, axes, spring):
     _release_at_wall(one.rough, visiting, axes, spring)
 
 

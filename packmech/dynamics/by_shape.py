@@ -19,7 +19,7 @@ from packmech.dynamics import rigid_bodies as of_bodies
 from packmech.dynamics import shape_pairs as of_spheroids
 from packmech.dynamics.friction import relax_columns, slip_of_discs, turning_axes
 from packmech.dynamics.rigid_bodies import BodyRows, body_rows
-from packmech.effects import KindWalls, body_energy, body_force
+from packmech.effects import body_energy, body_force
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import inlined
 from packmech.minimize.passes.interaction_rows import law_between
@@ -280,20 +280,8 @@ def _add(out, place, symmetric):
 # turns rows by a step at what `half` holds of turns
 turn_shapes = by_shape(_stays, of_spheroids.turn_directors, of_bodies.turn_bodies)
 # the force and the torque of one effect on a row, and its energy
-_push_of_kind = by_shape(_push_on_disc, of_spheroids.push_on_spheroid, of_bodies.push_on_body)
-_energy_of_kind = by_shape(_energy_of_disc, of_spheroids.energy_of_spheroid, of_bodies.energy_of_body)
-push_on_row = by_type(
-    lambda one, shapes, axes, body, i, mass: _push_of_kind(shapes, one, axes, body, i, mass),
-    {
-        KindWalls: lambda one, shapes, axes, body, i, mass: _push_of_kind(
-            shapes, one.walls[one.kind_n[i]], axes, body, i, mass
-        )
-    },
-)
-energy_of_row = by_type(
-    lambda one, shapes, body, i, mass: _energy_of_kind(shapes, one, body, i, mass),
-    {KindWalls: lambda one, shapes, body, i, mass: _energy_of_kind(shapes, one.walls[one.kind_n[i]], body, i, mass)},
-)
+push_on_row = by_shape(_push_on_disc, of_spheroids.push_on_spheroid, of_bodies.push_on_body)
+energy_of_row = by_shape(_energy_of_disc, of_spheroids.energy_of_spheroid, of_bodies.energy_of_body)
 # the angular velocity of a row in space, of what it holds
 spin_of_turn = by_shape(_same, of_spheroids.spin_of_turn, of_bodies.turned_by)
 # what a row holds where it turns with a flow

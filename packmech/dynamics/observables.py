@@ -26,7 +26,7 @@ from packmech.dynamics.deformation import GAMMA, gamma_at, turning, with_flow
 from packmech.dynamics.faces import measure_faces
 from packmech.dynamics.friction import Now
 from packmech.dynamics.wall_friction import energy_at_moving_walls, energy_at_walls, faces_of
-from packmech.effects import spin_drag
+from packmech.effects import on_row, spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
 
@@ -80,7 +80,7 @@ def energy_of_bodies(shapes, bodies, body, mass_n):
     if bodies is not None:
         for i in range(body.shape[0]):
             for one in literal_unroll(bodies):
-                energy += energy_of_row(one, shapes, body, i, mass_n[i])
+                energy += energy_of_row(shapes, on_row(one, i), body, i, mass_n[i])
     return energy
 
 

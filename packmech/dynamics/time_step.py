@@ -22,7 +22,7 @@ from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
 from packmech.dynamics.wall_friction import faces_of, push_of_walls
-from packmech.effects import spin_drag
+from packmech.effects import on_row, spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
 from packmech.minimize.passes.pair_list import (
@@ -280,7 +280,7 @@ def body_forces(shapes, bodies, axes, state, rates, rows):
         drag = 0.0
         tx = ty = tz = 0.0
         for one in literal_unroll(bodies):
-            x, y, z, turn_x, turn_y, turn_z = push_on_row(one, shapes, axes, body, i, state.mass_n[i])
+            x, y, z, turn_x, turn_y, turn_z = push_on_row(shapes, on_row(one, i), axes, body, i, state.mass_n[i])
             fx += x
             fy += y
             fz += z

@@ -2,9 +2,8 @@
 """What walls do across: friction, and resistance to rolling and twisting; and all that walls do that move.
 
 Walls that stand still push by `Walls.body_force`, surfaces of triangles by that of `MeshRows`, and both are visited
-here only where they are rough. A contact with a wall
-slips as one with a row of no spin would, which moves as the wall does and whose arm is nothing: i is the particle, n
-points to the wall.
+here only where they are rough. A contact with a wall slips as one with a row of no spin would, which moves as the wall
+does and whose arm is nothing: i is the particle, n points to the wall.
 
 Springs at a surface are known by the direction to where it is touched, which is kept beside them: as a sphere goes from
 one triangle of a plane to the next, or over an edge, the direction stays or turns, and the spring goes along. A contact
@@ -39,7 +38,7 @@ from packmech.dynamics.friction import (
     turns_at,
 )
 from packmech.effects import (
-    AHEAD,
+    DIRECTION_COLUMNS,
     SAME_DIRECTION,
     SIDES,
     ConstantRolling,
@@ -55,6 +54,7 @@ from packmech.effects import (
     law_energy,
     law_first,
     law_second,
+    on_row,
 )
 from packmech.effects.body import dashpot_of, walls_by_rows
 from packmech.effects.friction import mindlin_stiffness
@@ -83,14 +83,14 @@ class MovingWall(NamedTuple):
 class RoughMesh(NamedTuple):
     """A rough surface of triangles, what acts across contacts with it, and how many of a sphere it has springs for.
 
-    room_bsk holds the contacts of the row that a block is at, by the columns below, then their springs; crowded_b is 1
+    touch_bsk holds the contacts of the row that a block is at, by the columns below, then their springs; crowded_b is 1
     where a row of the block had more of them than there is room for.
     """
 
     wall: Any
     rough: Any
     slots: int
-    room_bsk: Any
+    touch_bsk: Any
     crowded_b: Any
 
 
@@ -148,11 +148,11 @@ class MeshTouch(NamedTuple):
     c: float
 
 
-# columns of a contact with a surface in `RoughMesh.room_bsk`: direction to it, distance, `bend`, direction of an edge
+# columns of a contact with a surface in `RoughMesh.touch_bsk`: direction to it, distance, `bend`, direction of an edge
 _DISTANCE, _BEND, _ALONG, _SPRING = 3, 4, 5, 8
 # the same of a contact that is none of the step before, but the nearest of those that are left: contacts within ten
 # degrees count as one, that with the next facet once it is nearer
-_NEXT = math.cos(math.radians(15.0))
+_SAME_AFTER_JUMP = math.cos(math.radians(15.0))
 
 
 def make_visited_walls(
@@ -190,16 +190,6 @@ def _unit(axis, sign):
 
 
 @inlined
-def _same_wall(wall, rough, i):
-    return wall
-
-
-@inlined
-def _wall_of_kind(wall, rough, i):
-    return wall.walls[wall.kind_n[i]]
-
-
-@inlined
 def _same_rough(wall, rough, i):
     return rough
 
@@ -209,14 +199,13 @@ def _rough_of_kind(wall, rough, i):
     return wall.roughs[wall.kind_n[i]]
 
 
-# the walls as a row meets them, and what acts across contacts with them: (walls, rough, row)
-_wall_at = by_type(_same_wall, {KindWalls: _wall_of_kind})
+# what acts across contacts of a row with walls: (walls, rough, row)
 _rough_at = by_type(_same_rough, {KindWalls: _rough_of_kind})
 
 
 @inlined
 def _touch_still(one, body, i, side):
-    wall = _wall_at(one.wall, one.rough, i)
+    wall = on_row(one.wall, i)
     axis = int(wall.axis)
     x, y, z = _unit(axis, -1.0 if side == 0 else 1.0)
     distance = body[i, axis] - wall.low if side == 0 else wall.high - body[i, axis]
@@ -225,7 +214,7 @@ def _touch_still(one, body, i, side):
 
 @inlined
 def _touch_moving(one, body, i, side):
-    number_fk, axis, face = one.faces.number_fk, int(_wall_at(one.wall, one.rough, i).axis), one.first + side
+    number_fk, axis, face = one.faces.number_fk, int(on_row(one.wall, i).axis), one.first + side
     x, y, z = _unit(axis, -1.0 if side == 0 else 1.0)
     distance = body[i, axis] - number_fk[face, PLACE] if side == 0 else number_fk[face, PLACE] - body[i, axis]
     u, v, w = number_fk[face, VELOCITY], number_fk[face, VELOCITY + 1], number_fk[face, VELOCITY + 2]
@@ -260,7 +249,7 @@ def _rate_of(touch, u):
 def normal_at_moving_wall(one, axes, state, i, touch):
     """Return the derivative of the law at a contact with a wall that moves, and that with the dashpot's force."""
     rate, sigma = _rate_of(touch, _velocity_to(touch, axes, state.body, i)), touch.sigma
-    wall = _wall_at(one.wall, one.rough, i)
+    wall = on_row(one.wall, i)
     whole = first_on_wall(wall, touch.rho, sigma, rate, 0.5 * state.mass_n[i])
     return law_first(wall.law, touch.rho, equal_partners(sigma)), whole
 
@@ -348,7 +337,7 @@ _slip = by_type(_slip_on_plane, {MeshTouch: _slip_on_mesh})
 @inlined
 def slipping_at_wall(one, axes, state, i, touch):
     """Return how a row that touches a wall slips on it, and the normal force."""
-    body, wall, rough = state.body, _wall_at(one.wall, one.rough, i), _rough_at(one.wall, one.rough, i)
+    body, wall, rough = state.body, on_row(one.wall, i), _rough_at(one.wall, one.rough, i)
     u = _velocity_to(touch, axes, body, i)
     rate = _rate_of(touch, u)
     here = _friction_here(rough, wall, touch, rate, 0.5 * state.mass_n[i])
@@ -375,7 +364,7 @@ def _not_in_python(visitor: Any, one: Any, axes: Any, state: Any, i: Any, touch:
 # its stretches begin: (visitor, wall, axes, state, row, touch, spring, value) -> value
 visit_wall = by_type(_not_in_python)
 # what becomes of the springs of a contact with a surface of triangles that is open: (visitor, surface, axes, spring)
-let_go = by_type(lambda visitor, one, axes, spring: None)
+release_springs = by_type(lambda visitor, one, axes, spring: None)
 
 
 @inlined
@@ -390,17 +379,17 @@ def _visit_sides(one, visitor, axes, state, stretch_nk, i, column, b, value):
 @device
 def _find_touches(one, body, i, b):
     """Write the contacts of a row with a surface into the room of a block; return how many there are."""
-    room, triangles, found = one.room_bsk, one.wall.triangles, 0
+    touches, triangles, found = one.touch_bsk, one.wall.triangles, 0
     near = first_near(triangles, body[i, 0], body[i, 1], body[i, 2], body[i, 3])
     while near.number >= 0:
         touch = touch_of_triangle(triangles, near)
         if touch.touches and found < one.slots:
             edge = 1.0 if touch.part == EDGE else 0.0
             for a in range(3):
-                room[b, found, a] = -touch.n[a]
-                room[b, found, _ALONG + a] = edge * touch.along[a]
-            room[b, found, _DISTANCE] = touch.distance
-            room[b, found, _BEND] = 1.0 / touch.distance if touch.part != FACE else 0.0
+                touches[b, found, a] = -touch.n[a]
+                touches[b, found, _ALONG + a] = edge * touch.along[a]
+            touches[b, found, _DISTANCE] = touch.distance
+            touches[b, found, _BEND] = 1.0 / touch.distance if touch.part != FACE else 0.0
             found += 1
         elif touch.touches:
             one.crowded_b[b] = 1
@@ -429,7 +418,7 @@ def _nearest_held(one, stretch_nk, i, first, width, held, b, t, least):
     for s in range(held):
         k = first + s * width
         x, y, z = stretch_nk[i, k], stretch_nk[i, k + 1], stretch_nk[i, k + 2]
-        cosine = x * one.room_bsk[b, t, 0] + y * one.room_bsk[b, t, 1] + z * one.room_bsk[b, t, 2]
+        cosine = x * one.touch_bsk[b, t, 0] + y * one.touch_bsk[b, t, 1] + z * one.touch_bsk[b, t, 2]
         if cosine > least:
             least, found = cosine, s
     return found
@@ -438,21 +427,21 @@ def _nearest_held(one, stretch_nk, i, first, width, held, b, t, least):
 @device
 def _take_springs(one, stretch_nk, i, first, width, held, b, found):
     """Give the contacts of now the springs of those held that they are, which are held no longer; others are slack."""
-    room = one.room_bsk
+    touches = one.touch_bsk
     for t in range(found):
-        for k in range(AHEAD, width):
-            room[b, t, _SPRING + k - AHEAD] = 0.0
+        for k in range(DIRECTION_COLUMNS, width):
+            touches[b, t, _SPRING + k - DIRECTION_COLUMNS] = 0.0
     # one bit for each
     given = 0
-    for least in (SAME_DIRECTION, _NEXT):
+    for least in (SAME_DIRECTION, _SAME_AFTER_JUMP):
         for t in range(found):
             s = -1
             if not given & (1 << t):
                 s = _nearest_held(one, stretch_nk, i, first, width, held, b, t, least)
             if s >= 0:
                 given |= 1 << t
-                for k in range(AHEAD, width):
-                    room[b, t, _SPRING + k - AHEAD] = stretch_nk[i, first + s * width + k]
+                for k in range(DIRECTION_COLUMNS, width):
+                    touches[b, t, _SPRING + k - DIRECTION_COLUMNS] = stretch_nk[i, first + s * width + k]
                 for k in range(width):
                     stretch_nk[i, first + s * width + k] = 0.0
 
@@ -460,35 +449,36 @@ def _take_springs(one, stretch_nk, i, first, width, held, b, found):
 @device
 def _hold(one, stretch_nk, i, first, width, held, b, found):
     """Remember the contacts of now, in the order in which they were found, with their springs."""
-    room = one.room_bsk
+    touches = one.touch_bsk
     for t in range(found):
         for k in range(width):
-            stretch_nk[i, first + t * width + k] = room[b, t, k if k < AHEAD else _SPRING + k - AHEAD]
+            column = k if k < DIRECTION_COLUMNS else _SPRING + k - DIRECTION_COLUMNS
+            stretch_nk[i, first + t * width + k] = touches[b, t, column]
     for k in range(first + found * width, first + held * width):
         stretch_nk[i, k] = 0.0
 
 
 @inlined
-def _touch_of_room(one, body, i, b, t):
-    room = one.room_bsk
+def _touch_of_now(one, body, i, b, t):
+    now = one.touch_bsk
     return MeshTouch(
-        room[b, t, 0], room[b, t, 1], room[b, t, 2], 2.0 * room[b, t, _DISTANCE], 2.0 * body[i, 3], room[b, t, _BEND],
-        room[b, t, _ALONG], room[b, t, _ALONG + 1], room[b, t, _ALONG + 2],
+        now[b, t, 0], now[b, t, 1], now[b, t, 2], 2.0 * now[b, t, _DISTANCE], 2.0 * body[i, 3], now[b, t, _BEND],
+        now[b, t, _ALONG], now[b, t, _ALONG + 1], now[b, t, _ALONG + 2],
     )  # fmt: skip
 
 
 @inlined
 def _visit_surface(one, visitor, axes, state, stretch_nk, i, first, b, value):
-    body, width = state.body, AHEAD + len(spring_columns(one.rough, axes))
+    body, width = state.body, DIRECTION_COLUMNS + len(spring_columns(one.rough, axes))
     found, held = _find_touches(one, body, i, b), _count_held(one, stretch_nk, i, first, width)
     _take_springs(one, stretch_nk, i, first, width, held, b, found)
     for s in range(held):
         if _is_held(stretch_nk, i, first + s * width):
-            let_go(visitor, one, axes, Spring(stretch_nk, i, first + s * width + AHEAD))
+            release_springs(visitor, one, axes, Spring(stretch_nk, i, first + s * width + DIRECTION_COLUMNS))
     _hold(one, stretch_nk, i, first, width, held, b, found)
     for t in range(found):
-        spring = Spring(stretch_nk, i, first + t * width + AHEAD)
-        value = visit_wall(visitor, one, axes, state, i, _touch_of_room(one, body, i, b, t), spring, value)
+        spring = Spring(stretch_nk, i, first + t * width + DIRECTION_COLUMNS)
+        value = visit_wall(visitor, one, axes, state, i, _touch_of_now(one, body, i, b, t), spring, value)
     return value
 
 
@@ -497,7 +487,7 @@ _visit_all = by_type(_visit_sides, {RoughMesh: _visit_surface})
 # how many columns the springs of a row at a wall take
 _columns_of = by_type(
     lambda one, axes: SIDES * len(spring_columns(one.rough, axes)),
-    {RoughMesh: lambda one, axes: one.slots * (AHEAD + len(spring_columns(one.rough, axes)))},
+    {RoughMesh: lambda one, axes: one.slots * (DIRECTION_COLUMNS + len(spring_columns(one.rough, axes)))},
 )
 
 
@@ -655,7 +645,7 @@ def _no_push_energy(one, i, touch):
 
 @inlined
 def _push_energy(one, i, touch):
-    return 0.5 * law_energy(_wall_at(one.wall, one.rough, i).law, touch.rho, equal_partners(touch.sigma))
+    return 0.5 * law_energy(on_row(one.wall, i).law, touch.rho, equal_partners(touch.sigma))
 
 
 # the energy of the push of a wall that moves; that of others is counted where single particles are

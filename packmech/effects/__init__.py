@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from packmech.effects.body import (
-    AHEAD,
+    DIRECTION_COLUMNS,
     PER_KIND,
     ROUGHNESS,
     SAME_DIRECTION,
@@ -19,6 +19,8 @@ from packmech.effects.body import (
     body_force,
     body_second,
     first_on_wall,
+    is_walls,
+    on_row,
     refuse_walls,
     rough_walls,
     spin_drag,
@@ -148,7 +150,7 @@ from packmech.effects.single import (
 from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
 
 __all__ = [
-    "AHEAD",
+    "DIRECTION_COLUMNS",
     "BY_KIND",
     "ByKind",
     "KindWalls",
@@ -158,6 +160,8 @@ __all__ = [
     "PerKind",
     "kinds_by_rows",
     "kinds_matter",
+    "is_walls",
+    "on_row",
     "BREAKING_MODES",
     "BackgroundDamping",
     "BondLimits",

@@ -29,13 +29,14 @@ from packmech.effects.rolling import (
     springs_of,
 )
 from packmech.effects.wall_motion import HeldStress, WallMotion, moved_along
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device
 from packmech.packing import Packing
 
 # of each `Walls`, low and high
 SIDES = 2
 # numbers before those of the springs of a contact with a surface of triangles: the direction to it
-AHEAD = 3
+DIRECTION_COLUMNS = 3
 # cosine of the angle between directions below which a contact with a surface is the same: no two at once are that near
 SAME_DIRECTION = math.cos(math.radians(5.0))
 # what acts across contacts, by the names that walls give it
@@ -372,6 +373,10 @@ class KindWalls(NamedTuple):
     kind_n: NDArray[np.int64]
 
 
+# an effect on single particles as a row meets it: of walls that differ by kinds those of the row's kind
+on_row = by_type(lambda one, i: one, {KindWalls: lambda one, i: one.walls[one.kind_n[i]]})
+
+
 def walls_met(wall: Walls, packing: Packing) -> tuple[Walls, ...]:
     """Return walls as particles of each kind that a packing has meet them; themselves alone without rows by kinds."""
     if not rows_in(wall):
@@ -413,7 +418,7 @@ def wall_columns(walls: tuple[Any, ...], dimension: int) -> tuple[list[int], int
     used: list[int] = []
     turns, first = 1 if dimension == 2 else 3, 0
     for one in walls:
-        slots, ahead = (SIDES, 0) if isinstance(one, Walls) else (one.slots, AHEAD)
+        slots, ahead = (SIDES, 0) if isinstance(one, Walls) else (one.slots, DIRECTION_COLUMNS)
         rough = springs_of(one.roughness)
         friction, rolling, twisting = rough if isinstance(rough, RoughContacts) else (rough, None, None)
         for _ in range(slots):

@@ -29,7 +29,7 @@ class ContactDamping(_ContactDamping):
     Parameters
     ----------
     coefficient
-        Of the dashpot [mass/time], or `ByKind`.
+        Of the dashpot [mass/time], or `ByKind`, of walls `PerKind`.
     onset
         "jump": the whole dashpot acts as soon as particles touch, s = 1 (the usual linear dashpot). Its force
         jumps as a contact opens or closes, which leaves every integrator at first order there. "smooth": it grows with
@@ -83,7 +83,7 @@ class Restitution(NamedTuple):
     Parameters
     ----------
     coefficient
-        e, above 0 and at most 1 [1], or `ByKind`.
+        e, above 0 and at most 1 [1], or `ByKind`, of walls `PerKind`.
 
     Examples
     --------
@@ -123,7 +123,7 @@ class ViscoelasticDamping(NamedTuple):
     Parameters
     ----------
     time
-        How long stresses last that a strain leaves in the material [time], or `ByKind`.
+        How long stresses last that a strain leaves in the material [time], or `ByKind`, of walls `PerKind`.
 
     """
 

@@ -26,7 +26,7 @@ class Mindlin(NamedTuple):
     Parameters
     ----------
     poisson_ratio
-        nu, from 0 to 0.5 [1], or `ByKind`.
+        nu, from 0 to 0.5 [1], or `ByKind`, of walls `PerKind`.
 
     Examples
     --------
@@ -92,7 +92,7 @@ class Friction(NamedTuple):
     Parameters
     ----------
     coefficient
-        Coulomb's coefficient mu [1], or `ByKind`.
+        Coulomb's coefficient mu [1], or `ByKind`, of walls `PerKind`.
     stiffness
         Of the tangential spring [energy/length^2], or `Mindlin`: in proportion to that of the normal force.
     damping

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.kinds import looks_at_kinds, records_in
+from packmech.calls.kinds import looks_at_kinds, reads_kinds, records_in
 from packmech.contacts.network import pair_of_kinds
 from packmech.effects.laws import Law, is_law, law, law_energy, law_first, law_second
 from packmech.effects.partners import Partners, equal_partners, partners_of, passes_partners_on
@@ -172,13 +172,7 @@ class LawByKind(_LawByKind):
 
     def __new__(cls, laws: Any) -> LawByKind:
         """Return the record of the table."""
-        table = _table("laws", laws, words="laws")
-        for one in table:
-            if not is_law(one) or isinstance(one, LawByKind):
-                raise TypeError(f"laws must be laws such as Harmonic(...), got {one!r}")
-            if type(one) is not type(table[0]):
-                raise TypeError(f"laws must be of one class, {written_name(type(table[0]))}, got {one!r}")
-        return super().__new__(cls, table)
+        return super().__new__(cls, _laws_of_one_class(_table("laws", laws, words="laws")))
 
     def of(self, one: int, other: int) -> Law:
         """Return the law of two kinds."""
@@ -196,6 +190,21 @@ class LawByKind(_LawByKind):
     def second(self, distance: float, partners: Partners) -> float:
         """Return d2u/dr2 [energy/length^2]."""
         return law_second(self.laws[partners.kinds], distance, partners)
+
+
+def _laws_of_one_class(laws: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return laws, after refusing what is none, and one that is of another class than the first, or holds others."""
+    for one in laws:
+        if not is_law(one) or isinstance(one, LawByKind | LawPerKind):
+            raise TypeError(f"laws must be laws such as Harmonic(...), got {one!r}")
+        if _classes(one) != _classes(laws[0]):
+            raise TypeError(f"laws must be of one class, {' of '.join(_classes(laws[0]))}, got {one!r}")
+    return laws
+
+
+def _classes(law: Any) -> list[str]:
+    """Return the names of the classes of a law and of the records in it."""
+    return [written_name(type(one)) for _, one in records_in(law)]
 
 
 class _PerKind(NamedTuple):
@@ -279,13 +288,7 @@ class LawPerKind(_LawPerKind):
 
     def __new__(cls, laws: Any) -> LawPerKind:
         """Return the record of the row."""
-        row = _row("laws", laws, words="laws")
-        for one in row:
-            if not is_law(one) or isinstance(one, LawByKind):
-                raise TypeError(f"laws must be laws such as Harmonic(...), got {one!r}")
-            if type(one) is not type(row[0]):
-                raise TypeError(f"laws must be of one class, {written_name(type(row[0]))}, got {one!r}")
-        return super().__new__(cls, row)
+        return super().__new__(cls, _laws_of_one_class(_row("laws", laws, words="laws")))
 
     def of(self, kind: int) -> Law:
         """Return the law of a kind."""
@@ -376,8 +379,11 @@ def _named_in(record: Any, classes: Any) -> list[tuple[str, tuple[Any, ...]]]:
 
 
 def kinds_matter(effects: tuple[Any, ...]) -> bool:
-    """Return whether an effect may do other things to other kinds of particles: by a table, or as a user's class."""
-    return any(map(looks_at_kinds, effects))
+    """Return whether an effect on pairs may do other things to other kinds: by a table, or as a user's class.
+
+    Walls do not count, which loops know as each kind meets them.
+    """
+    return any(looks_at_kinds(one) for one in effects if getattr(one, "acts_as", None) not in ("walls", "mesh"))
 
 
 def kinds_in(effects: tuple[Any, ...], packing: Packing) -> NDArray[np.int64] | None:
@@ -405,6 +411,8 @@ def refuse_missing_kinds(effects: tuple[Any, ...], packing: Packing) -> None:
         # of surfaces what compiled loops know
         flat = getattr(one, "flat", one)
         acts_as = getattr(one, "acts_as", "")
+        if acts_as in ("walls", "mesh") and packing.kinds > 1:
+            _refuse_readers_of_pairs(k, flat)
         for name, table in tables_in(flat):
             kinds = kinds_of_table(len(table))
             if acts_as == "walls":
@@ -424,6 +432,18 @@ def refuse_missing_kinds(effects: tuple[Any, ...], packing: Packing) -> None:
                     f"{len(row)} kinds: give packing.replace(kind_n=...), or pm.assign_kinds(...)"
                 )
             _refuse_short(f"effects[{k}].{name} must have an entry", len(row), packing)
+
+
+def _refuse_readers_of_pairs(k: int, walls: Any) -> None:
+    """Refuse what reads the kinds of two particles where one touches a wall."""
+    rows = [(name, one) for name, row in rows_in(walls) for one in row]
+    for name, one in [*records_in(walls), *rows]:
+        cls: Any = type(one)
+        if name and reads_kinds(cls):
+            raise ValueError(
+                f"effects[{k}].{name} must read no kinds, which are those of two particles, where one touches a wall, "
+                f"got {one!r}: take pm.LawPerKind or pm.PerKind in pm.Walls"
+            )
 
 
 def _refuse_on_surface(name: str, what: str) -> None:

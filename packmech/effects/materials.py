@@ -344,8 +344,8 @@ class Materials:
             found.append(Restitution(_by_kind([one.restitution for one in table])))
         if any(one.friction > 0.0 for one in table):
             across: Any = DampingRatio(1.0) if inelastic else 0.0
-            smooth = Mindlin(_by_kind([one.poisson_ratio for one in table]))
-            found.append(Friction(_by_kind([one.friction for one in table]), smooth, across))
+            stiffness = Mindlin(_by_kind([one.poisson_ratio for one in table]))
+            found.append(Friction(_by_kind([one.friction for one in table]), stiffness, across))
         return tuple(found)
 
     def walls(self, packing: Packing, axis: int, low: float, high: float, *, of: Material | int) -> Walls:
@@ -388,8 +388,8 @@ class Materials:
         friction = None
         if any(pair.friction > 0.0 for pair, _ in pairs):
             across: Any = DampingRatio(1.0) if inelastic else 0.0
-            smooth = Mindlin(_per_kind([pair.poisson_ratio for pair, _ in pairs]))
-            friction = Friction(_per_kind([pair.friction for pair, _ in pairs]), smooth, across)
+            stiffness = Mindlin(_per_kind([pair.poisson_ratio for pair, _ in pairs]))
+            friction = Friction(_per_kind([pair.friction for pair, _ in pairs]), stiffness, across)
         elif any(self.of(*pair).friction > 0.0 for pair in self._pairs()):
             friction = Friction(0.0)
         return Walls._make((axis, low, high, law, dashpot, friction, *(None,) * 4))
@@ -399,6 +399,8 @@ class Materials:
         one = self.materials[kind]
         if isinstance(of, Material):
             return (one if one == of else one.mixed(of, self.mixing)), _modulus_of(one, of)
+        if isinstance(of, bool) or not isinstance(of, int | np.integer):
+            raise TypeError(f"of must be a Material, or the number of one of these, got {of!r}")
         place = integer("of", of, at_least=0, at_most=len(self.materials) - 1)
         both = self.of(kind, place)
         measured = self.exceptions.get((min(kind, place), max(kind, place)), {})

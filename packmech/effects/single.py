@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from packmech.contacts.triangles import surface_touches
 from packmech.contacts.wall_touches import WallTouches, wall_touches
-from packmech.effects.body import Gravity, KindWalls, Walls, body_energy, body_force, body_second
+from packmech.effects.body import Gravity, Walls, body_energy, body_force, body_second, on_row
 from packmech.effects.friction import Friction
 from packmech.effects.held import FixedParticles
 from packmech.effects.kinds import LawPerKind, kinds_by_rows, number_at
 from packmech.effects.mesh import MeshWalls, in_loops
 from packmech.effects.pair import ContactTerms, contact_terms, equal_touches
 from packmech.effects.repulsion import Repulsion
-from packmech.jit.by_type import by_type
-from packmech.jit.compiled import device, inlined, kernel
+from packmech.jit.compiled import device, kernel
 from packmech.packing import Packing
 
 
@@ -120,21 +119,6 @@ def _size(vector: Any) -> float:
     return math.sqrt(square)
 
 
-@inlined
-def _terms_under(one: Any, i: Any, x: Any, y: Any, z: Any, mass: Any, radius: Any) -> Any:
-    force = body_force(one, x, y, z, 0.0, 0.0, 0.0, mass, radius)
-    return body_energy(one, x, y, z, mass, radius), force, body_second(one, x, y, z, mass, radius)
-
-
-@inlined
-def _terms_by_kind(one: Any, i: Any, x: Any, y: Any, z: Any, mass: Any, radius: Any) -> Any:
-    return _terms_under(one.walls[one.kind_n[i]], i, x, y, z, mass, radius)
-
-
-# energy, force and second derivatives of a particle under one effect
-_terms_of = by_type(_terms_under, {KindWalls: _terms_by_kind})
-
-
 @kernel
 def _single_terms(  # type: ignore[no-untyped-def]
     effects, position_n3, mass_n, radius_n, energy_n, force_n3, second_n6, size_n, acting_n
@@ -145,14 +129,16 @@ def _single_terms(  # type: ignore[no-untyped-def]
         acting = 0
         xx = yy = zz = yz = xz = xy = 0.0
         for one in literal_unroll(effects):
-            own_energy, force, second = _terms_of(one, i, x, y, z, mass_n[i], radius_n[i])
-            energy += own_energy
+            met = on_row(one, i)
+            energy += body_energy(met, x, y, z, mass_n[i], radius_n[i])
+            force = body_force(met, x, y, z, 0.0, 0.0, 0.0, mass_n[i], radius_n[i])
             fx += force[0]
             fy += force[1]
             fz += force[2]
             own = _size(force)
             size += own
             acting += own > 0.0
+            second = body_second(met, x, y, z, mass_n[i], radius_n[i])
             xx += second[0]
             yy += second[1]
             zz += second[2]

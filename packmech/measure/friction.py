@@ -11,7 +11,7 @@ from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.contacts.wall_elements import WallSprings
 from packmech.effects import (
-    AHEAD,
+    DIRECTION_COLUMNS,
     SAME_DIRECTION,
     RoughContacts,
     WallSide,
@@ -118,7 +118,7 @@ def wall_springs(packing: Packing, sides: list[WallSide]) -> WallSprings:
         if one.wall.roughness is None:
             found.append(WallSprings.smooth(normal))
             continue
-        size = width if one.below else one.wall.slots * (AHEAD + width)
+        size = width if one.below else one.wall.slots * (DIRECTION_COLUMNS + width)
         own = stretch_nk[particle, first : first + size]
         found.append(_springs_at(one, normal, own if one.below else _in_direction(normal, own, width)))
         first += size
@@ -128,11 +128,11 @@ def wall_springs(packing: Packing, sides: list[WallSide]) -> WallSprings:
 def _in_direction(normal_wd: NDArray[np.float64], stretch_wk: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     """Return the (W, width) columns of the slots that are known by the direction of each touch; zeros where none is."""
     touches, columns = stretch_wk.shape
-    slot = stretch_wk.reshape(touches, columns // (AHEAD + width), AHEAD + width)
-    cosine = np.einsum("wsd,wd->ws", slot[:, :, :AHEAD], normal_wd)
+    slot = stretch_wk.reshape(touches, columns // (DIRECTION_COLUMNS + width), DIRECTION_COLUMNS + width)
+    cosine = np.einsum("wsd,wd->ws", slot[:, :, :DIRECTION_COLUMNS], normal_wd)
     nearest = cosine.argmax(axis=1)[:, None]
     known = np.take_along_axis(cosine, nearest, axis=1) > SAME_DIRECTION
-    return np.asarray(known * np.take_along_axis(slot, nearest[:, :, None], axis=1)[:, 0, AHEAD:])
+    return np.asarray(known * np.take_along_axis(slot, nearest[:, :, None], axis=1)[:, 0, DIRECTION_COLUMNS:])
 
 
 def particles_at_walls(sides: list[WallSide]) -> NDArray[np.int64]:

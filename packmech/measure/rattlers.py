@@ -31,9 +31,9 @@ from packmech.contacts.rattlers import Ends, ends_of, join_ends, rattlers_of, ra
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import (
     RollingDashpot,
-    Walls,
     find_interactions,
     held_particles,
+    is_walls,
     links_and_bonds,
     single_effects,
     wall_sides,
@@ -96,7 +96,7 @@ def rattlers_among(
     if fixed is not None:
         held |= fixed
     walls = _wall_ends(packing, effects, friction, turning)
-    pressed = not all(isinstance(one, Walls) for one in single_effects(effects))
+    pressed = not all(is_walls(one) for one in single_effects(effects))
     turns = turns_of(packing.turn_nkt) | (rough is not None)
     pulls = _interaction_ends(packing, effects, cluster)
     touching = contacts.count_n() > 0

@@ -78,7 +78,9 @@ def exception(
     }
     given = {name: value for name, value in constants.items() if value is not None}
     if not given:
-        raise ValueError(f"{', '.join(constants)} must not all be left out of what a pair has, got nothing")
+        raise ValueError(
+            f"{', '.join(constants)} must be given, one of them at least, got none of what the pair has instead"
+        )
     return {"between": between, "given": given}
 
 
@@ -100,16 +102,13 @@ def read_materials(tables: Mapping[str, Any]) -> Material | Materials | None:
                     f"{'no material' if found is None else 'one material for all ([material])'}"
                 )
         return None if found is None else _material(found, "material")
-    errors = Errors()
+    names, errors = _names(found), Errors()
     materials, mixed = [], mixing()
     for k, table in enumerate(found):
         with errors.kept():
             materials.append(_material(table, f"material[{k}]"))
     with errors.kept():
         mixed = _mixing(tables.get("mixing", {}))
-    names: list[str | None] = []
-    with errors.kept():
-        names = _names(found)
     errors.check()
     return Materials(tuple(materials), mixed, _exceptions(tables.get("exception", []), materials, names))
 

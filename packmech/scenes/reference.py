@@ -76,6 +76,13 @@ _EXAMPLE = (
     'kind = "friction"\n'
     "coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }\n"
     "stiffness = 0.5\n"
+    "\n"
+    "[[effects]]\n"
+    'kind = "walls"\n'
+    "low = -0.1\n"
+    "high = 2.4\n"
+    'law = { kind = "law-per-kind", laws = ["harmonic", { kind = "harmonic", energy_scale = 2.0 }] }\n'
+    'friction = { kind = "friction", coefficient = { values = [0.5, 0.2] }, stiffness = 0.5 }\n'
 )
 # parameters of `kinds_of_particles` that are no fields
 _OF_KINDS = ("packing",)
@@ -269,7 +276,8 @@ def scene_reference() -> str:
         "A table names its `kind`; a field whose default is `unset` may be left out. A record in a table is a table, "
         'or just the name of its kind: `law = "hertz"`. Values are changed from the command line with '
         "`--set packing.particles=500 --set effects.friction.coefficient=0.1`.",
-        "Laws and numbers that differ by kinds of particles are tables, of rows of a symmetric square:",
+        "Laws and numbers that differ by kinds of particles are tables, of rows of a symmetric square for pairs, and "
+        "of one entry for each kind for walls:",
         f"```toml by-kinds.toml\n{_EXAMPLE}```",
     ]
     shown: dict[str, Kinds] = {}

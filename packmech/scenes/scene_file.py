@@ -52,9 +52,11 @@ packings takes a `density`, mass over area, or over volume in space, of every pa
 inline one may have `masses` instead. It may also have `kinds` of its particles, numbers from 0; in other packings a
 table `[kinds]` assigns them, with the arguments of `pm.assign_kinds`. In place of `[material]` there may be a table
 `[[material]]` for each kind, of whose densities the masses are then, with the means of two of them in `[mixing]` and
-what pairs have instead in `[[exception]]` (`material_tables`); walls name what they do themselves beside these.
+what pairs have instead in `[[exception]]` (`material_tables`); walls name which they are made of
+(`material = "wood"`), or what they do themselves.
 Numbers that differ by kinds are tables, `coefficient = { numbers = [[0.5, 0.1], [0.1, 0.3]] }`, and so are laws,
-`kind = "law-by-kind"` with `laws`: rows of a symmetric square, or one for each pair (0, 0), (1, 0), (1, 1), ...
+`kind = "law-by-kind"` with `laws`: rows of a symmetric square, or one for each pair (0, 0), (1, 0), (1, 1), ...; those
+of walls have one entry for each kind, `{ values = [0.5, 0.1] }` and `kind = "law-per-kind"`.
 
 Bonds are effects, too: `kind = "bonds"` and `of = "contacts"`, with the arguments of `pm.bond_contacts` and, with a
 `seed`, those of `pm.cut_fragments`; or written out with `pairs` of particles, `rest_lengths` and `images`.

@@ -123,3 +123,24 @@ def test_kinds_that_nothing_looks_at_are_none():
     packing = pm.lattice_packing("square", repeats=(2, 2)).replace(kind_n=[0, 1, 0, 1])
     assert kinds_in((pm.Repulsion(OfRadius()),), packing) is None
     assert kinds_in((pm.Repulsion(OfKinds()),), packing).tolist() == [0, 1, 0, 1]
+
+
+def test_walls_refuse_what_reads_the_kinds_of_two_particles():
+    packing = pm.lattice_packing("square", repeats=(2, 2)).replace(kind_n=[0, 1, 0, 1])
+    walls = pm.Walls(1, -0.2, 1.8, OfKinds(), damping=Dashpot())
+    with pytest.raises(ValueError, match=r"effects\[1\].law must read no kinds, .* got OfKinds"):
+        pm.Scene(packing, (pm.Repulsion(), walls))
+    with pytest.raises(ValueError, match=r"effects\[1\].damping must read no kinds, .* got Dashpot"):
+        pm.Scene(packing, (pm.Repulsion(), walls._replace(law=pm.Harmonic())))
+    rows = walls._replace(law=pm.LawPerKind([OfKinds(1.0), OfKinds(2.0)]), damping=0.0)
+    with pytest.raises(ValueError, match=r"effects\[1\].law must read no kinds, .* got OfKinds"):
+        pm.Scene(packing, (pm.Repulsion(), rows))
+    # of one kind there is nothing to tell apart
+    assert pm.Scene(packing.replace(kind_n=None), (pm.Repulsion(), walls))
+
+
+def test_rows_of_walls_are_their_own_and_no_loop_over_pairs_looks_at_them():
+    packing = pm.lattice_packing("square", repeats=(2, 2)).replace(kind_n=[0, 1, 0, 1])
+    walls = pm.Walls(1, -0.2, 1.8, damping=pm.PerKind([0.1, 0.2]))
+    assert columns_of(walls) == ("walls", "kinds")
+    assert kinds_in((pm.Repulsion(), walls), packing) is None

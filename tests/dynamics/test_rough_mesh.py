@@ -278,6 +278,18 @@ def test_forces_torques_and_energy_at_rest_are_those_that_time_steps_begin_with(
     assert -touch.on_walls() + [0.0, 0.0, -weight] == pytest.approx(push[:, :3].sum(axis=0), abs=1e-9)
 
 
+@pytest.mark.parametrize("friction", [None, FRICTION])
+def test_a_surface_leaves_rattlers_as_the_same_flat_wall_does(friction):
+    place = [[2.0, 2.0, 1.45], [2.9, 2.0, 1.45], [6.0, 6.0, 1.45]]
+    plane = pm.MeshWalls([[0, 0, 1], [8, 0, 1], [0, 8, 1], [8, 8, 1]], [[0, 1, 2], [1, 3, 2]], LAW, friction=friction)
+    rough = () if friction is None else (friction,)
+    found = []
+    for wall in (plane, pm.Walls(2, 1.0, 7.5, LAW, friction=friction)):
+        scene = pm.Scene(balls(place), (PAIRS, *rough, wall))
+        found.append(pm.contact_forces(scene).rattlers_n.tolist())
+    assert found[0] == found[1] == [True] * 3
+
+
 def test_more_places_than_there_are_springs_for_end_a_run_by_name():
     """A ball on the tip of a cone of twenty facets."""
     angle = 2.0 * np.pi * np.arange(20) / 20

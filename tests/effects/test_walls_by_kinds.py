@@ -128,7 +128,7 @@ def test_the_time_step_is_that_of_the_stiffest_kind():
 
 
 def packed(coefficient=(1e6, 2e6)):
-    """Return discs of three kinds pressed against rough walls and each other, springs stretched; nothing slides."""
+    """Return discs of two kinds pressed against rough walls and each other, springs stretched; nothing slides."""
     packing = pm.random_packing(12, dimension=2, packing_fraction=0.6, seed=3).replace(kind_n=[0, 1] * 6)
     side = float(packing.box.lattice_dd[0, 0])
     packing = packing.replace(box=pm.Box(np.diag([side, 1.5 * side])), position_nd=packing.position_nd % side)
@@ -345,3 +345,11 @@ friction = { coefficient = { values = [0.1, 0.2] } }
     path.write_text(one + "material = 0\n")
     with pytest.raises(ValueError, match=r"effects\[0\].material must stand beside tables \[\[material\]\], got one"):
         pm.read_scene(path)
+
+
+@pytest.mark.parametrize("table", [pm.LawByKind, pm.LawPerKind])
+def test_laws_of_a_table_or_a_row_are_of_one_class_and_so_are_those_they_hold(table):
+    plateau = [pm.PlateauRepulsion(law=one) for one in (pm.Harmonic(1.0), pm.LinearSpring(3.0), pm.Harmonic(2.0))]
+    with pytest.raises(TypeError, match="laws must be of one class, PlateauRepulsion of Harmonic, got"):
+        table(plateau)
+    assert table([plateau[0], plateau[2], plateau[0]])

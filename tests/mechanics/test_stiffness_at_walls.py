@@ -84,7 +84,7 @@ def among_ridges():
     sticking = pm.Friction(1e6, 300.0), pm.RollingResistance(1e6, 200.0), pm.TwistingResistance(1e6, 100.0)
     ridges = pm.MeshWalls(at, faces, SPRING, 0.0, *sticking)
     peak = at[np.argsort(at[:, 2])[-6:]] + [0.02, 0.01, 0.48]
-    high, low = (at.reshape(7, 7, 3)[1:6:2, 1:6:2][:, :, :].reshape(-1, 3) + [s, s, 0.4] for s in (0.5, 0.3))
+    high, low = (at.reshape(7, 7, 3)[1:6:2, 1:6:2].reshape(-1, 3) + [s, s, 0.4] for s in (0.5, 0.3))
     place = np.concatenate([peak, high, low])
     packing = pm.Packing(place, [0.5] * len(place), pm.Box.cubic(6.0, 3), mass_n=[1.0] * len(place))
     scene = pm.Scene(packing, (pm.Repulsion(SPRING), *sticking, ridges))

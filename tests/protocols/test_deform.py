@@ -192,13 +192,26 @@ def test_what_cannot_be_asked_of_a_box_is_refused_by_name(given, message):
 
 @pytest.mark.slow
 def test_failure_of_compressed_grains_is_that_of_the_same_grains_sheared_directly():
-    """Mohr and Coulomb: sin of the angle of friction from compression at constant lateral pressure, and from shear."""
+    """The ratio of stresses of compression at constant lateral pressure against that of shear, by two criteria.
+
+    Mohr and Coulomb: (s_1 / s_3) is the same. Matsuoka and Nakai, who know the middle stress: I_1 I_2 / I_3 is.
+    """
     start = pm.random_packing(1000, dimension=3, sizes=pm.Bidisperse(ratio=1.2), packing_fraction=0.5, seed=1)
     effects = (pm.Repulsion(pm.LinearSpring()), pm.ContactDamping(0.5), pm.Friction(0.5, 2.0 / 7.0, damping=0.1))
     pressed = pm.jam(pm.Scene(start, effects), pressure=1e-3, method=pm.Press(rate=1e-3))
     scene = pm.Scene(pressed.packing, effects)
     p = -float(np.trace(pm.stress_tensor(scene))) / 3.0
-    squeezed = pm.deform_at_rate(scene, rate=1e-4, strain={"zz": -0.3}, stress={"xx": -p, "yy": -p})
-    sheared = pm.deform_at_rate(scene, rate=1e-4, strain={"xz": 0.6}, stress={"zz": -p, "xx": -p, "yy": -p})
-    ratio = [np.sin(run.friction_angle_t[len(run.friction_angle_t) // 2 :]).mean() for run in (squeezed, sheared)]
+    squeezed = pm.deform_at_rate(scene, rate=1e-4, strain={"zz": -0.3}, stress={"xx": -p, "yy": -p}, ledger=True)
+    sheared = pm.deform_at_rate(
+        scene, rate=1e-4, strain={"xz": 0.6}, stress={"zz": -p, "xx": -p, "yy": -p}, ledger=True
+    )
+    ratio, invariants = [], []
+    for run in (squeezed, sheared):
+        assert run.ledger.closed and run.ledger.residual < 1e-10
+        stress = run.stress_tdd[len(run.stress_tdd) // 2 :].mean(axis=0)
+        low, middle, high = np.sort(np.linalg.eigvalsh(-0.5 * (stress + stress.T)))
+        ratio.append(high / low)
+        invariants.append((low + middle + high) * (low * middle + middle * high + high * low) / (low * middle * high))
     assert ratio[0] == pytest.approx(ratio[1], rel=0.1), ratio
+    # from 9, where all three are equal
+    assert invariants[0] - 9.0 == pytest.approx(invariants[1] - 9.0, rel=0.1), invariants

@@ -102,7 +102,10 @@ def test_a_commented_scene_of_materials_is_read_as_the_one_without_comments(tmp_
         (THREE + "[[exception]]\nbetween = [0, 3]\nfriction = 1\n", r"exception\[0\].between must name .* got 3"),
         (THREE + "[[exception]]\nbetween = [0]\nfriction = 1\n", r"exception\[0\].between must name two materials"),
         (THREE + "[[exception]]\nfriction = 1\n", r"exception\[0\].between must be given, got nothing"),
-        (THREE + "[[exception]]\nbetween = [0, 1]\n", r"exception\[0\].young_modulus, .* must not all be left out"),
+        (
+            THREE + "[[exception]]\nbetween = [0, 1]\n",
+            r"exception\[0\].young_modulus, .* must be given, one of them at least",
+        ),
         (
             THREE + "[[exception]]\nbetween = [0, 1]\nfriction = -1\n",
             r"exception\[0\].friction must be .* at least 0, got -1",

@@ -14,11 +14,11 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.effects import (
-    KindWalls,
     body_energy,
     body_force,
     body_second,
     held_particles,
+    on_row,
     pair_second,
     single_rows,
 )
@@ -108,17 +108,9 @@ def _energy_of_shape(shapes, one, row, i, mass):
     return energy_of_shape(one, shapes, i, row[i, 0], row[i, 1], row[i, 2], mass)
 
 
-_pushed_of_kind = by_shape(_disc_pushed, _shape_pushed, _shape_pushed)
-_energy_of_kind = by_shape(_energy_of_disc, _energy_of_shape, _energy_of_shape)
 # force and torque of one effect on a particle at rest, and its energy with a bound of its stiffness
-_pushed = by_type(
-    lambda one, shapes, row, i, mass: _pushed_of_kind(shapes, one, row, i, mass),
-    {KindWalls: lambda one, shapes, row, i, mass: _pushed_of_kind(shapes, one.walls[one.kind_n[i]], row, i, mass)},
-)
-_energy = by_type(
-    lambda one, shapes, row, i, mass: _energy_of_kind(shapes, one, row, i, mass),
-    {KindWalls: lambda one, shapes, row, i, mass: _energy_of_kind(shapes, one.walls[one.kind_n[i]], row, i, mass)},
-)
+_pushed = by_shape(_disc_pushed, _shape_pushed, _shape_pushed)
+_energy = by_shape(_energy_of_disc, _energy_of_shape, _energy_of_shape)
 # adds a torque to the row of a particle's turn, if it has one
 add_torque = by_shape(lambda shapes, axes, force_nd, i, tx, ty, tz: None, _turn_shape, _turn_shape)
 
@@ -131,7 +123,7 @@ def _push(one, shapes, axes, row, force_nd, low, high):
         fx = fy = fz = 0.0
         tx = ty = tz = 0.0
         for acting in literal_unroll(one.single):
-            px, py, pz, qx, qy, qz = _pushed(acting, shapes, row, i, one.mass_n[i])
+            px, py, pz, qx, qy, qz = _pushed(shapes, on_row(acting, i), row, i, one.mass_n[i])
             fx += px
             fy += py
             fz += pz
@@ -182,7 +174,7 @@ def _survey_pushed(one, shapes, row, stiffness_n):
     energy = 0.0
     for i in range(one.mass_n.shape[0]):
         for acting in literal_unroll(one.single):
-            own, stiffness = _energy(acting, shapes, row, i, one.mass_n[i])
+            own, stiffness = _energy(shapes, on_row(acting, i), row, i, one.mass_n[i])
             energy += own
             stiffness_n[i] += stiffness
     return energy, one.stiffness
