@@ -78,9 +78,7 @@ def exception(
     }
     given = {name: value for name, value in constants.items() if value is not None}
     if not given:
-        raise ValueError(
-            f"{', '.join(constants)} must be given, one of them at least, got none of what the pair has instead"
-        )
+        raise ValueError(f"{', '.join(constants)} must be given, one of them at least, got none")
     return {"between": between, "given": given}
 
 

@@ -96,7 +96,8 @@ def test_a_commented_scene_with_kinds_is_read_as_the_one_without_comments(tmp_pa
 def test_the_tables_by_kinds_that_the_page_on_scene_files_shows_are_read(tmp_path):
     text = scene_reference().partition("```toml by-kinds.toml\n")[2].partition("```")[0]
     scene = read(tmp_path, text)
-    repulsion, friction = scene.effects
+    repulsion, friction, walls = scene.effects
+    assert walls.of(1).law == pm.Harmonic(2.0) and walls.of(0).friction.coefficient == 0.5
     assert repulsion.law == pm.LawByKind({(0, 0): pm.Harmonic(1.0), (0, 1): pm.Harmonic(1.5), (1, 1): pm.Harmonic(3.0)})
     assert friction.coefficient == pm.ByKind({(0, 0): 0.5, (0, 1): 0.1, (1, 1): 0.3})
     pm.write_scene(scene, tmp_path / "again.toml")
