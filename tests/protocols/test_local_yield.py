@@ -87,7 +87,8 @@ def fallen(kinds=1):
 @pytest.mark.parametrize("kinds", [1, 2])
 def test_a_patch_falls_where_a_minimization_by_other_means_loses_energy(kinds):
     run = fallen(kinds)
-    k = int(np.argmax(run.energy_drop_pk[0]))
+    # nan of a direction in which it stands to the end
+    k = int(np.nanargmax(run.energy_drop_pk[0]))
     strain, drop = run.yield_strain_pk[0, k], run.energy_drop_pk[0, k]
     # near the fall a minimization that starts too far away leaves for another minimum
     near = [*np.arange(0.0, strain - 1e-3, 1e-3), *(strain - np.geomspace(1e-3, 4e-5, 12))]
