@@ -294,6 +294,8 @@ BAD = {
     },
     "poisson_ratio": [NAN, -0.1, 0.6, "1", None],
     "ByKind.numbers": [None, 3, "e", [], {}, [[1.0, 2.0]], [[1.0, 2.0], [3.0, 4.0]], (1.0, 2.0), {"a": 1.0}],
+    "PerKind.values": [None, 3, "e", [], {}, [[1.0]], [True], ["a"], [None]],
+    "LawPerKind.laws": [None, 3, pm.Harmonic(), [], [pm.Harmonic], (1.0,), (pm.Harmonic(), pm.Hertz())],
     "LawByKind.laws": [None, 3, pm.Harmonic(), [], [[pm.Harmonic]], (1.0,), (pm.Harmonic(), pm.Hertz(), pm.Hertz())],
     "Materials.materials": [None, 3, (), pm.Material(1.0), (3,), (pm.Harmonic(),)],
     "Materials.mixing": [None, 3, "largest"],
@@ -972,6 +974,8 @@ def good(name, folder):
         "Materials": {"materials": (pm.Material(1.0),)},
         "ByKind": {"numbers": [[1.0, 2.0], [2.0, 3.0]]},
         "LawByKind": {"laws": [[pm.Harmonic()]]},
+        "PerKind": {"values": [1.0, 2.0]},
+        "LawPerKind": {"laws": [pm.Harmonic(1.0), pm.Harmonic(2.0)]},
         "viscoelastic_time": {"law": pm.Hertz(), "restitution": 0.8, "speed": 0.01},
         "TangentialDisplacements": {
             "i_c": [0],
