@@ -107,8 +107,9 @@ def contact_dissipation(
     Returns
     -------
     ContactDissipation
-        Powers, whose sum is the rate at which `EnergyLedger.dissipated_t` grows. Of a pair of bodies that touch in
-        several places sliding and dashpots are told apart for all of them together.
+        Powers, whose sum is the rate at which `EnergyLedger.dissipated_t` grows. Where two bodies touch in
+        several places, all count as sliding if one does, so that some per cent of "sliding" and "tangential_dashpots"
+        may be the other's; their sum is right.
 
     Raises
     ------
