@@ -109,7 +109,8 @@ def test_a_sliding_ball_loses_mu_g_until_it_rolls_at_its_share_of_the_speed():
     loaded = speed[200]
     sliding = np.arange(200, int(0.95 * until / dt))
     assert speed[sliding] == pytest.approx(loaded - 0.3 * dt * (sliding - 200), abs=1e-9)
-    assert loaded == pytest.approx(1.5 - 0.3 * 0.2, rel=2e-2)
+    # short of mu g t by what it takes to stretch the spring, mu N / k at this speed: 4e-4 of time, 1e-4 of speed
+    assert loaded == pytest.approx(1.5 - 0.3 * 0.2, abs=0.3 * 1e-3)
     rolling = 1.5 / (1.0 + inertia / ARM**2)
     assert run.velocity_nd[0, 0] == pytest.approx(rolling, rel=1e-7) and rolling == pytest.approx(1.5 * 5 / 7, rel=1e-3)
     assert run.spin_nk[0, 1] * ARM == pytest.approx(rolling, rel=1e-7)
