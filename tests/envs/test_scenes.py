@@ -30,6 +30,7 @@ def test_what_is_no_scene_gets_one_clear_error(scene, error, message):
 
 
 def test_every_shipped_scene_can_be_sheared_with_bonds_in_place_of_links_and_quenched_without_bonds():
+    foreign_to_agents = pm.JKR | pm.DMT | pm.CapillaryBridge | pm.ShortRangeAttraction | pm.Langevin
     for name in pm.list_scenes():
         scene = scene_of(name)
         assert not shearable(scene, links="bonds").packing.links
@@ -37,7 +38,7 @@ def test_every_shipped_scene_can_be_sheared_with_bonds_in_place_of_links_and_que
             with pytest.raises(ValueError, match="no (Gravity|Walls) here"):
                 quenchable(scene, bonds="leave out", friction="leave out")
             continue
-        foreign = [type(one) for one in scene.effects if isinstance(one, pm.JKR | pm.Langevin)]
+        foreign = [type(one) for one in scene.effects if isinstance(one, foreign_to_agents)]
         if foreign:
             with pytest.raises(ValueError, match=f"no {foreign[0].__name__} here"):
                 quenchable(scene, bonds="leave out", friction="leave out")

@@ -117,3 +117,13 @@ def test_a_thrown_ball_is_stopped_by_a_resistance_to_rolling_that_a_file_gives_t
     # what a ball keeps that slips until it rolls is five sevenths of its energy, less a part that rolls as it slips
     assert lost["sliding"] == pytest.approx(0.5 * 2.0 / 7.0, rel=0.2)
     assert sum(lost.values()) == pytest.approx(0.5, rel=1e-3)
+
+
+def test_the_shipped_ball_that_spins_is_stopped_as_its_resistance_to_twisting_says():
+    scene = pm.read_scene("spinning-ball")
+    # a torque mu_t m g h on I = 2/5 m r^2, at the height h of the center, once the spring is at its limit: with its
+    # dashpot that is after less than the time in which the ball turns by mu_t m g / (k h)
+    slowing, turned = 0.02 * 0.4995 / (0.4 * 0.25), 0.02 / (1e3 * 0.4995)
+    run = pm.simulate(scene, duration=4.0, spin_nk=[[0.0, 1.0, 0.0]])
+    assert run.spin_nk[0, 1] == pytest.approx(1.0 - 4.0 * slowing, abs=slowing * turned)
+    assert run.packing.position_nd[0] == pytest.approx([5.0, 0.4995, 5.0], abs=1e-12)
