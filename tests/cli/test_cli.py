@@ -17,6 +17,7 @@ import pytest
 import packmech as pm
 from packmech.cli import main
 from packmech.cli.output import Files, Watch
+from packmech.effects import registered_effects
 
 JSON_FIELDS = {
     "packing_fraction",
@@ -425,3 +426,13 @@ def test_the_command_imports_nothing_heavy_before_the_first_force(tmp_path):
     loaded = set(done.stdout.split())
     assert "packmech.protocols.jam" in loaded, done.stderr
     assert not loaded & {"cvxpy", "rerun", "matplotlib", "clarabel", "highspy", "gsd", "gymnasium", "pyarrow"}
+
+
+def test_effects_names_every_effect_that_ships_with_its_columns(tmp_path):
+    lines = packmech("effects", folder=tmp_path).stdout.splitlines()
+    words = [line.split() for line in lines[lines.index("effects") :]]
+    found = {one[0]: one[1].rstrip(",") for one in words if len(one) > 2}
+    named = {kind.__name__ for kind in registered_effects() if kind.__module__.startswith("packmech.")}
+    assert named <= set(found)
+    shown = ("TwistingResistance", "DMT", "CapillaryBridge", "BackgroundDamping", "Langevin", "MeshWalls")
+    assert [found[one] for one in shown] == ["rolling", "interactions", "interactions", "drag", "noise", "mesh"]
