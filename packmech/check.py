@@ -7,6 +7,7 @@ import functools
 import inspect
 import math
 import operator
+import os
 import sys
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -23,6 +24,9 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 # what contacts at the Coulomb limit do under a small motion
 AtLimit = Literal["stick", "slip"]
 AT_LIMIT: tuple[AtLimit, ...] = get_args(AtLimit)
+_LARGEST = 2**63 - 1
+# bytes that a particle takes at least while something is done with it: coordinates, radii, its share of a pair list
+PARTICLE_BYTES = 200.0
 Word = TypeVar("Word", bound=str)
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -63,13 +67,7 @@ def finite_array(
         If the shape is wrong or an entry is not finite.
 
     """
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "biuf":
-            raise TypeError
-        array = np.array(given, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must be an array of real numbers, got {brief(value)}") from None
+    array = np.array(_entries(name, value, "biuf", "real numbers"), dtype=np.float64, order="C")
     if array.ndim != len(shape) or any(
         want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
     ):
@@ -80,6 +78,24 @@ def finite_array(
     if bad.any():
         index, where = _first_bad(bad, what)
         raise ValueError(f"{name} must be finite, got {array[index]}{where}")
+    return array
+
+
+def _entries(name: str, value: ArrayLike, kinds: str, words: str) -> NDArray[Any]:
+    """Return a value as an array of one of the kinds of numpy's dtypes, or none at all; TypeError otherwise."""
+    try:
+        array = np.asarray(value)
+        known = array.dtype.kind in kinds or not array.size
+        hidden = np.ma.is_masked(value)
+    # whatever an object raises that is asked for its entries, it has none that are numbers
+    except Exception:
+        known = hidden = False
+    if not known:
+        raise TypeError(f"{name} must be an array of {words}, got {brief(value)}") from None
+    if hidden:
+        raise TypeError(
+            f"{name} must be an array of {words}, got a masked array that hides {np.ma.count_masked(value)}"
+        )
     return array
 
 
@@ -99,20 +115,20 @@ def integer_array(
     name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle"
 ) -> NDArray[np.int64]:
     """Return the value as a new int64 array after checking that it holds whole numbers in the required shape."""
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind not in "iu" and given.size:
-            raise TypeError
-    except (TypeError, ValueError):
-        raise TypeError(f"{name} must be an array of integers, got {brief(value)}") from None
-    return finite_array(name, given, shape=shape, what=what, empty=True).astype(np.int64)
+    given = _entries(name, value, "iu", "integers")
+    finite_array(name, given, shape=shape, what=what, empty=True)
+    bad = given > _LARGEST if given.dtype.kind == "u" else np.zeros(given.shape, dtype=bool)
+    if bad.any():
+        index, where = _first_bad(bad, what)
+        raise ValueError(f"{name} must be below 2^63, got {given[index]}{where}")
+    return given.astype(np.int64)
 
 
 def particle_mask(name: str, value: Any, particles: int) -> NDArray[np.bool_]:
     """Return True or False for each particle, as it is given; TypeError or ValueError otherwise."""
-    mask = np.asarray(value)
+    mask = _entries(name, value, "b", "booleans")
     if mask.dtype != bool:
-        raise TypeError(f"{name} must be True or False for each particle, got {value!r:.60}")
+        raise TypeError(f"{name} must be True or False for each particle, got {brief(value)}")
     if mask.shape != (particles,):
         raise ValueError(f"{name} must have shape ({particles},), got {mask.shape}")
     return mask
@@ -120,7 +136,12 @@ def particle_mask(name: str, value: Any, particles: int) -> NDArray[np.bool_]:
 
 def brief(value: object) -> str:
     """Return a value in one short line, for messages."""
-    text = " ".join(repr(value).split())
+    try:
+        # what is cut anyway is not written
+        text = repr(value[:99] if isinstance(value, str | bytes) else value)
+    except Exception as error:
+        text = f"a {type(value).__name__} that cannot be shown ({type(error).__name__})"
+    text = " ".join(text.split())
     return text if len(text) <= 60 else text[:57] + "..."
 
 
@@ -143,8 +164,12 @@ def real(
     if isinstance(value, bool | np.bool_ | str | bytes):
         raise TypeError(f"{name} must be {text}, got {brief(value)}")
     try:
+        if not isinstance(value, int | float) and (np.ndim(value) or np.ma.is_masked(value)):
+            raise TypeError
         number = float(value)
-    except (TypeError, ValueError):
+    except OverflowError:
+        raise ValueError(f"{name} must be {text}, got {brief(value)}, which no float64 holds") from None
+    except Exception:
         raise TypeError(f"{name} must be {text}, got {brief(value)}") from None
     if not math.isfinite(number) or number <= above or number < at_least or number >= below or number > at_most:
         raise ValueError(f"{name} must be {text}, got {brief(value)}")
@@ -156,19 +181,71 @@ def positive(name: str, value: Any) -> float:
     return real(name, value, above=0.0)
 
 
-def integer(name: str, value: Any, *, at_least: int | None = None, at_most: int | None = None) -> int:
-    """Return the value as an int inside the stated bounds."""
+def integer(
+    name: str, value: Any, *, at_least: int | None = None, at_most: int | None = None, bytes_each: float = 0.0
+) -> int:
+    """Return the value as an int inside the stated bounds; where each takes memory, as many as memory holds."""
     bounds = [f"at least {at_least}"] * (at_least is not None) + [f"at most {at_most}"] * (at_most is not None)
     text = " ".join(["an integer", " and ".join(bounds)]).strip()
     if isinstance(value, bool | np.bool_):
-        raise TypeError(f"{name} must be {text}, got {value!r}")
+        raise TypeError(f"{name} must be {text}, got {brief(value)}")
     try:
         number = operator.index(value)
-    except TypeError:
+    except Exception:
         raise TypeError(f"{name} must be {text}, got {brief(value)}") from None
     if (at_least is not None and number < at_least) or (at_most is not None and number > at_most):
-        raise ValueError(f"{name} must be {text}, got {number}")
+        raise ValueError(f"{name} must be {text}, got {brief(number)}")
+    if abs(number) > _LARGEST:
+        raise ValueError(f"{name} must be {text} below 2^63 in size, got {brief(number)}")
+    check_memory(name, number * bytes_each)
     return number
+
+
+def check_memory(name: str, bytes_needed: float) -> None:
+    """Refuse what would not fit into the machine's memory, before any of it is taken.
+
+    Parameters
+    ----------
+    name
+        The argument that asks for it, or the file, for the message.
+    bytes_needed
+        The bytes that would have to be held at once, by the sizes of the largest arrays.
+
+    Raises
+    ------
+    ValueError
+        Naming the argument, the memory that it asks for and what there is.
+
+    Examples
+    --------
+    >>> check_memory("particles", 8e17)
+    Traceback (most recent call last):
+    ...
+    ValueError: particles must be so small that memory holds it, got what takes 800 PB ...
+
+    """
+    if bytes_needed > _memory():
+        raise ValueError(
+            f"{name} must be so small that memory holds it, got what takes {_size(bytes_needed)}, more than the "
+            f"{_size(_memory())} of this machine"
+        )
+
+
+@functools.cache
+def _memory() -> float:
+    """Return the bytes of the machine's memory; infinity where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, OSError, ValueError):
+        return math.inf
+
+
+def _size(number: float) -> str:
+    steps = min(max(int(math.log10(max(number, 1.0))) // 3, 0), len(_UNITS) - 1)
+    return f"{number / 1000.0**steps:.3g} {_UNITS[steps]}"
+
+
+_UNITS = ("bytes", "kB", "MB", "GB", "TB", "PB", "EB")
 
 
 def two_axes(name: str, value: Any, *, dimension: int = 3, different: bool = True) -> tuple[int, int]:
@@ -220,10 +297,13 @@ def did_you_mean(value: Any, choices: Iterable[str]) -> str:
 
     """
     by_lower = {choice.lower(): choice for choice in choices}
-    letter = _LETTERS.get(str(value).lower())
+    # no name is as long as this, and distances of long texts take long
+    if not isinstance(value, str) or len(value) > 200:
+        return ""
+    letter = _LETTERS.get(value.lower())
     if letter in by_lower:
         return f"; did you mean {by_lower[letter]!r}?"
-    near = difflib.get_close_matches(str(value).lower(), by_lower, 1)
+    near = difflib.get_close_matches(value.lower(), by_lower, 1)
     return f"; did you mean {by_lower[near[0]]!r}?" if near else ""
 
 
@@ -267,7 +347,7 @@ def listed(name: str, value: Any, what: str) -> list[Any]:
 def bin_edges(name: str, value: Any) -> int | NDArray[np.float64]:
     """Return how many bins of equal width there are to be, or their edges after checking that they increase."""
     if isinstance(value, int | np.integer):
-        return integer(name, value, at_least=1)
+        return integer(name, value, at_least=1, bytes_each=32.0)
     edge = finite_array(name, value, shape=(None,), what="edge")
     if len(edge) < 2 or (np.diff(edge) <= 0.0).any():
         raise ValueError(f"{name} must be a number or at least two increasing edges, got {brief(edge.tolist())}")

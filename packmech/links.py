@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
-from packmech.check import finite_array, positive_array
+from packmech.check import brief, finite_array, positive_array
 from packmech.jit.compiled import kernel
 
 # images beyond this leave no digits of a position
@@ -178,7 +178,7 @@ class Links:
         length = positive_array("length_l", self.length_l, shape=(None,), what="link", empty=True)
         given = np.zeros(count, dtype=bool) if self.shape_l is None else np.array(self.shape_l)
         if given.dtype != bool or given.ndim != 1:
-            raise TypeError(f"shape_l must hold truth values, got {self.shape_l!r}")
+            raise TypeError(f"shape_l must hold truth values, got {brief(self.shape_l)}")
         own: tuple[tuple[str, NDArray[Any]], ...] = (("length_l", length), ("shape_l", given))
         for name, array in own:
             if len(array) != count:

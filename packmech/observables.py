@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
-from packmech.check import function, one_of
+from packmech.check import brief, function, one_of
 from packmech.packing import Packing
 
 Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
@@ -189,15 +189,15 @@ def observable(
     one_of("plot", plot, PLOTS)
     for name, value in (("unit", unit), ("label", label)):
         if not isinstance(value, str):
-            raise TypeError(f"{name} must be a text, got {value!r}")
+            raise TypeError(f"{name} must be a text, got {brief(value)}")
 
     def add(measure: Measure) -> Measure:
         function("measure", measure)
         name = str(getattr(measure, "__name__", ""))
         if not name.isidentifier():
-            raise ValueError(f"measure must be a function with a name, got {measure!r}")
+            raise ValueError(f"measure must be a function with a name, got {brief(measure)}")
         if name in OBSERVABLES and OBSERVABLES[name].measure is None:
-            raise ValueError(f"measure must have a name of its own, got {name!r}, which packmech measures itself")
+            raise ValueError(f"measure must have a name of its own, got {brief(name)}, which packmech measures itself")
         OBSERVABLES[name] = Observable(name, unit, shape, plot, label, measure=measure)
         return measure
 
@@ -329,7 +329,7 @@ class Table:
 
     def __getitem__(self, name: str) -> Column:
         if name not in self.columns:
-            raise KeyError(f"name must be one of {', '.join(self.columns)}, got {name!r}")
+            raise KeyError(f"name must be one of {', '.join(self.columns)}, got {brief(name)}")
         return self.columns[name]
 
     def tensor(self, name: str) -> NDArray[np.float64]:

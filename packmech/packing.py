@@ -200,7 +200,7 @@ class Packing:
             raise ValueError(f"tangential must name particles below {self.particles}, got {last}")
         bead = tangential.bead_c2
         if self.shapes.has_beads != (bead is not None):
-            raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {bead!r:.40}")
+            raise ValueError(f"tangential must have bead_c2 for rigid bodies and only for these, got {brief(bead)}")
         if bead is not None:
             beads = np.diff(self.shapes.start_n)[np.stack([tangential.i_c, tangential.j_c], axis=1)]
             if (bead >= beads).any():

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import as_html, as_text, shown, without_negative_zeros
+from packmech.check import brief
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
 
@@ -317,7 +318,7 @@ class Trace:
     def __getitem__(self, name: str) -> NDArray[Any]:
         found = self.columns()
         if name not in found:
-            raise KeyError(f"name must be one of {', '.join(found)}, got {name!r}")
+            raise KeyError(f"name must be one of {', '.join(found)}, got {brief(name)}")
         return found[name]
 
     def table(self, about: Mapping[str, Any] | None = None) -> Table:

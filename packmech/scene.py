@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from packmech.calls.display import shown
-from packmech.check import BoxStrain, instance, integer, one_of, positive, real, two_axes
+from packmech.check import BoxStrain, brief, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
     BY_KIND,
     SIGNED,
@@ -103,7 +103,7 @@ def drive(cls: D) -> D:
 
     """
     if not (isinstance(cls, type) and dataclasses.is_dataclass(cls)):
-        raise TypeError(f"drive must be a dataclass, got {cls!r}")
+        raise TypeError(f"drive must be a dataclass, got {brief(cls)}")
     if not callable(getattr(cls, "run", None)):
         raise TypeError(f"drive {cls.__name__} must define the method run(self, scene), got none")
     known = registered_drives().get(drive_kind(cls))
@@ -144,7 +144,7 @@ def _built_in(code: str) -> Callable[[D], D]:
 
 def _tuple(name: str, value: Any, *, of: Callable[[str, Any], Any], words: str, empty: bool = True) -> None:
     if not isinstance(value, tuple) or not (value or empty):
-        raise TypeError(f"{name} must be a tuple of {words}, got {value!r}")
+        raise TypeError(f"{name} must be a tuple of {words}, got {brief(value)}")
     for k, entry in enumerate(value):
         of(f"{name}[{k}]", entry)
 
@@ -161,19 +161,19 @@ def _not_zero(name: str, value: Any) -> None:
 
 def _method(name: str, value: Any) -> None:
     if not is_record(value):
-        raise TypeError(f"{name} must be a record of settings or None, got {value!r}")
+        raise TypeError(f"{name} must be a record of settings or None, got {brief(value)}")
 
 
 def _minimizer(name: str, value: Any) -> None:
     _method(name, value)
     if hasattr(value, "follow"):
-        raise TypeError(f"{name} must be a minimizer such as Fire() or None, got {value!r}")
+        raise TypeError(f"{name} must be a minimizer such as Fire() or None, got {brief(value)}")
 
 
 def _protocol(name: str, value: Any) -> None:
     _method(name, value)
     if not hasattr(value, "follow"):
-        raise TypeError(f"{name} must be a protocol such as HardVertex() or None, got {value!r}")
+        raise TypeError(f"{name} must be a protocol such as HardVertex() or None, got {brief(value)}")
 
 
 def _plates(name: str, value: Any) -> None:
@@ -188,7 +188,7 @@ def _components(name: str, value: Any) -> None:
     known = ("xx", "yy", "zz", "xy", "xz", "yz")
     for key, number in value.items():
         if key not in known:
-            raise ValueError(f"{name} must name components among {', '.join(known)}, got {key!r}")
+            raise ValueError(f"{name} must name components among {', '.join(known)}, got {brief(key)}")
         real(f"{name}.{key}", number)
 
 
@@ -353,7 +353,7 @@ class JamDrive:
         _check_fields(self)
         if self.pressure is not None and hasattr(self.method, "energy_tolerance"):
             raise ValueError(
-                f"drive.pressure must be left out for a method that ends at an energy, got {self.pressure!r}"
+                f"drive.pressure must be left out for a method that ends at an energy, got {brief(self.pressure)}"
             )
 
     @property
@@ -585,7 +585,7 @@ class DeformDrive:
         where = "without a rate, at rest" if self.rate is None else "with a rate, in time"
         for name in others:
             if getattr(self, name) is not None:
-                raise ValueError(f"drive.{name} must be left out {where}, got {getattr(self, name)!r}")
+                raise ValueError(f"drive.{name} must be left out {where}, got {brief(getattr(self, name))}")
 
 
 @_built_in("packmech.rheology.drives:RAMP_STRAIN")
@@ -654,7 +654,9 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
         return
     for name, value in zip(record._fields, record, strict=True):
         if isinstance(value, PerKind | LawPerKind):
-            raise TypeError(f"{where}.{name} must not be {type(value).__name__}, which walls alone take, got {value!r}")
+            raise TypeError(
+                f"{where}.{name} must not be {type(value).__name__}, which walls alone take, got {brief(value)}"
+            )
         if isinstance(value, ByKind):
             _check_table(where, record, name, value)
             # with each number of the table the record was checked
@@ -665,12 +667,14 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
         elif is_law(value):
             _check_numbers(f"{where}.{name}", value, slack=slack)
         elif name == "law":
-            raise TypeError(f"{where}.law must be a law such as Harmonic(...), got {value!r}")
+            raise TypeError(f"{where}.law must be a law such as Harmonic(...), got {brief(value)}")
         elif isinstance(record, Friction) and isinstance(value, Mindlin if name == "stiffness" else DampingRatio):
             _check_numbers(f"{where}.{name}", value)
         elif name == "damping" and is_effect(value):
             if not damps(value) or hasattr(value, "pair_energy"):
-                raise TypeError(f"{where}.damping must be a number or a dashpot such as Restitution(), got {value!r}")
+                raise TypeError(
+                    f"{where}.damping must be a number or a dashpot such as Restitution(), got {brief(value)}"
+                )
             _check_numbers(f"{where}.damping", value)
         elif isinstance(value, WallMotion | HeldStress):
             _check_numbers(f"{where}.{name}", value)
@@ -680,15 +684,15 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
             if is_effect(value):
                 _check_numbers(f"{where}.{name}", value)
         elif isinstance(record, Walls) and name == "axis" and isinstance(value, str):
-            raise ValueError(f"{where}.axis must be 0, 1 or 2, for x, y or z, got {value!r}")
+            raise ValueError(f"{where}.axis must be 0, 1 or 2, for x, y or z, got {brief(value)}")
         elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{where}.{name} must be a finite number, got {value!r}")
+            raise ValueError(f"{where}.{name} must be a finite number, got {brief(value)}")
         elif name in ("energy_scale", "stiffness", "modulus") and value <= 0 and not (slack and value == 0):
-            raise ValueError(f"{where}.{name} must be positive, got {value!r}")
+            raise ValueError(f"{where}.{name} must be positive, got {brief(value)}")
         elif value < 0 and name not in SIGNED.get(type(record), ()):
-            raise ValueError(f"{where}.{name} must not be negative, got {value!r}")
+            raise ValueError(f"{where}.{name} must not be negative, got {brief(value)}")
         elif name == "exponent" and value < 1.5:
-            raise ValueError(f"{where}.{name} must be at least 1.5 for continuous forces, got {value!r}")
+            raise ValueError(f"{where}.{name} must be at least 1.5 for continuous forces, got {brief(value)}")
     fault = record.fault() if hasattr(record, "fault") else ""
     if fault:
         raise ValueError(f"{where}.{fault}")
@@ -701,7 +705,7 @@ def _check_table(where: str, record: Any, name: str, table: ByKind) -> None:
     if name not in BY_KIND.get(type(record), ()):
         known = ", ".join(f"{cls.__name__}.{field}" for cls, fields in BY_KIND.items() for field in fields)
         raise TypeError(
-            f"{where}.{name} must be the same for all kinds of particles (only {known} may differ), got {table!r}"
+            f"{where}.{name} must be the same for all kinds of particles (only {known} may differ), got {brief(table)}"
         )
     for number in table.numbers:
         _check_numbers(where, record._replace(**{name: number}))
@@ -765,10 +769,10 @@ class Scene:
         if is_effect(self.effects):
             raise TypeError("effects must be a tuple of effects, got one effect; write effects=(effect,)")
         if not isinstance(self.effects, tuple | list):
-            raise TypeError(f"effects must be a tuple of effects, got {self.effects!r}")
+            raise TypeError(f"effects must be a tuple of effects, got {brief(self.effects)}")
         for k, one in enumerate(self.effects):
             if not is_effect(one):
-                raise TypeError(f"effects[{k}] must be an effect such as Repulsion(...), got {one!r}")
+                raise TypeError(f"effects[{k}] must be an effect such as Repulsion(...), got {brief(one)}")
             if is_bound(one):
                 _check_bound(f"effects[{k}]", one)
                 continue
@@ -791,7 +795,7 @@ class Scene:
         self._check_scales()
         if self.drive is not None and type(self.drive) not in _DRIVES:
             known = ", ".join(cls.__name__ for cls in _DRIVES)
-            raise TypeError(f"drive must be one of {known} or None, got {self.drive!r}")
+            raise TypeError(f"drive must be one of {known} or None, got {brief(self.drive)}")
 
     def _check_scales(self) -> None:
         """Check that squares of forces and stiffnesses are numbers that double precision carries."""
@@ -852,7 +856,7 @@ class Scene:
         """
         for k, kind in enumerate(kinds):
             if kind not in registered_effects():
-                raise TypeError(f"kinds[{k}] must be a class of effects such as Friction, got {kind!r}")
+                raise TypeError(f"kinds[{k}] must be a class of effects such as Friction, got {brief(kind)}")
         return self.replace(effects=tuple(one for one in self.effects if type(one) not in kinds))
 
 

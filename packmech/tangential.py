@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import finite_array, integer_array
+from packmech.check import brief, finite_array, integer_array
 from packmech.links import named_pairs
 
 _OF_PAIRS = ("i_c", "j_c", "image_cd", "displacement_ck", "bead_c2", "rolling_ck", "twisting_c", "memory_ck")
@@ -117,7 +117,7 @@ class TangentialDisplacements:
             return None, None
         particle = integer_array("at_wall_w", self.at_wall_w, shape=(None,), what="particle")
         if len(np.unique(particle)) < len(particle) or (len(particle) and particle.min() < 0):
-            raise ValueError(f"at_wall_w must name particles from 0 on, each once, got {particle.tolist()!r:.80}")
+            raise ValueError(f"at_wall_w must name particles from 0 on, each once, got {brief(particle.tolist())}")
         stretch = finite_array("wall_stretch_wk", self.wall_stretch_wk, shape=(len(particle), None), what="particle")
         order = np.argsort(particle)
         return particle[order], stretch[order]

@@ -5,52 +5,27 @@ by ``name.parameter`` first, then by the parameter's own name. What is missing t
 """
 
 import concurrent.futures
-import dataclasses
-import functools
-import inspect
 import re
-from typing import NamedTuple
 
 import numpy as np
 import pytest
+from arguments import (
+    Toothless,
+    call,
+    contacts_of_another,
+    crystal,
+    good,
+    lone_particle,
+    parameters,
+    public,
+    scene,
+    touching,
+    write_files,
+)
 
 import packmech as pm
-from packmech.effects import is_effect, is_law
 
 NAN, INF = float("nan"), float("inf")
-
-# made by packmech for users to read, not by users, and what users derive classes from
-RESULTS = {
-    "Answer", "Average", "Cementing", "ConstrainedForce", "ConstraintBasis", "Contacts",
-    "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "OscillatoryShear",
-    "JamMethod", "StrainRun", "BrokenBonds", "ContactDissipation", "EnergyLedger", "MovedWalls",
-    "AmplitudeSweep", "Condition", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
-    "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
-    "Equilibration", "MaterialConstants", "ParticleShearRun",
-    "PlayedMotion", "TouchingPair", "Partners",
-    "Rattling", "ReaffixedLinks",
-    "Run",
-    "SelfStress", "Simulation", "SoftSpots", "Solve", "Stage", "State", "StateDensity",
-    "Table", "Trace", "Trial", "Verdict", "ContactData", "Snapshots",
-    "PressureShear", "WallContacts",
-    "WallModuli",
-    "WorkPrecision",
-    "QuarticModes", "ShapeContacts",
-    "Avalanche", "BondOrder", "ContactChange", "ContactStatistics", "Correlation", "CorrelationLength",
-    "Ensemble",
-    "FamilyChange", "ForceChains", "ForceDistribution", "GroupStatistics", "Histogram", "Neighbors",
-    "NematicOrder", "PairDistribution", "PartialStructureFactors", "PowerLawFit", "QuasistaticShear", "LocalYield",
-    "Deformation",
-    "ShearFamilies", "ShellAverage", "SpectrumFit",
-    "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
-    "particle_shear",
-}  # fmt: skip
-
-MINIMIZERS = {
-    "ConjugateGradient", "DampedDynamics", "Fire", "Fire2", "GradientDescent", "LBFGS", "Newton", "SteepestDescent",
-}  # fmt: skip
-
-INTEGRATORS = {"SemiImplicitEuler", "VelocityVerlet"}
 
 # texts and other values of which any will do
 ANYTHING = {
@@ -61,78 +36,6 @@ ANYTHING = {
 
 # decorators name what they decorate
 CALLED = {"law.cls": "law", "effect.cls": "effect", "minimizer.cls": "minimizer", "drive.cls": "drive"}
-
-
-class Motionless(NamedTuple):
-    """A minimizer that only says where it stands."""
-
-    def start(self, program):
-        return program.progress(2, 0)
-
-    def advance(self, program, goal, progress, steps):
-        return program.judge(goal)[0]
-
-
-@dataclasses.dataclass(frozen=True)
-class Idle:
-    """A drive that does nothing."""
-
-    def run(self, scene):
-        return None
-
-
-def lone_particle(radius: float = 0.5):
-    """Return a packing of one particle."""
-    return pm.Packing([[0.0, 0.0]], [radius], pm.Box.cubic(2.0, 2))
-
-
-class Toothless(NamedTuple):
-    """Neither a law nor an effect: it has none of their methods."""
-
-    energy_scale: float = 1.0
-
-
-@functools.cache
-def touching():
-    return pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
-
-
-@functools.cache
-def scene():
-    return pm.Scene(touching(), (pm.Repulsion(),))
-
-
-@functools.cache
-def ellipses():
-    shapes = pm.Spheroids([2.0, 1.5], [[1.0, 0.2], [0.0, 1.0]])
-    return pm.Packing([[0.5, 0.5], [1.4, 1.3]], [0.5, 0.5], pm.Box.cubic(1.8, 2), shapes=shapes)
-
-
-@functools.cache
-def pressed():
-    return scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3))
-
-
-@functools.cache
-def crystal():
-    return pm.lattice_packing("triangular", repeats=(3, 3))
-
-
-@functools.cache
-def hard_packing():
-    """Return a jammed packing of few particles."""
-    start = pm.random_packing(5, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.6, seed=1)
-    return pm.jam(pm.Scene(start, (pm.Repulsion(),)), strain="isotropic").packing
-
-
-def traced():
-    return pm.Trace(np.arange(2), np.zeros(2), np.zeros(2), np.arange(2), np.zeros(2))
-
-
-@functools.cache
-def contacts_of_another():
-    return pm.find_contacts(pm.lattice_packing("kagome", repeats=(3, 3)), gap_tolerance=1e-9)
-
 
 POSITIVE = [NAN, INF, 0.0, -1.0, "1", None, True, [1.0]]
 NOT_NEGATIVE = [NAN, -1.0, "1", None]
@@ -824,275 +727,6 @@ BAD = {
 }  # fmt: skip
 
 
-def good(name, folder):
-    """Return arguments with which the public function or record works."""
-    ones = {
-        "Box": {"lattice_dd": np.eye(2)},
-        "Packing": {"position_nd": [[0.0, 0.0]], "radius_n": [0.5], "box": pm.Box.cubic(2.0, 2)},
-        "Links": {"i_l": [0], "j_l": [1], "image_ld": [[0, 0]], "length_l": [1.0]},
-        "Mixture": {"ratios": (1.0, 2.0), "fractions": (1.0, 1.0)},
-        "random_packing": {"particles": 4, "dimension": 2, "packing_fraction": 0.8, "seed": 1},
-        "assign_kinds": {"packing": touching(), "shares": (1, 1), "seed": 1},
-        "scattered_packing": {"packing": touching(), "packing_fraction": 0.8, "seed": 1},
-        "lattice_packing": {"name": "square"},
-        "reinforced_kagome_packing": {"cells": 1},
-        "tunneled_packing": {"steps": (0,)},
-        "vacancy_packing": {"packing": touching(), "vacancies": 1, "seed": 1},
-        "Cluster": {"position_bd": [[0.0, 0.0], [1.0, 0.0]], "radius_b": [0.5, 0.5]},
-        "RingCluster": {"beads": 3},
-        "StarCluster": {"arms": 3},
-        "LinearCluster": {"beads": 2},
-        "chain_packing": {"count": 2, "beads": 4, "dimension": 2, "packing_fraction": 0.5, "seed": 1},
-        "cluster_packing": {"count": 2, "shape": pm.Trimer(), "dimension": 2, "packing_fraction": 0.8, "seed": 1},
-        "BondLimits": {"tension": 0.1},
-        "Bonds": {"i_b": [0], "j_b": [1], "image_bd": [[0, 0]], "rest_length_b": [1.0]},
-        "Spheroids": {"aspect_n": [2.0, 0.5], "director_nd": [[1.0, 0.0], [0.0, 1.0]]},
-        "contact_distance": {
-            "vector_cd": [[1.0, 0.0]],
-            "semi_axes_i_ck": [[1.0, 0.5]],
-            "director_i_cd": [[1.0, 0.0]],
-            "semi_axes_j_ck": [[0.5, 1.0]],
-            "director_j_cd": [[0.0, 1.0]],
-        },
-        "Superellipsoids": {
-            "exponent_n": [4.0, 2.0],
-            "ratio_nd": [[1.0, 1.0], [2.0, 1.0]],
-            "orientation_nq": [[1.0, 0.0], [0.0, 1.0]],
-        },
-        "MeshWalls": {"vertices": [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]], "triangles": [[0, 1, 2]]},
-        "read_mesh": {"path": folder / "a.off"},
-        "Ellipses": {"aspect": 1.5},
-        "Beads": {
-            "start_n": [0, 2],
-            "offset_bd": [[0.5, 0.0], [-0.5, 0.0]],
-            "size_b": [0.7, 0.7],
-            "gyration_nk": [[0.8]],
-            "orientation_nq": [[1.0, 0.0]],
-        },
-        "rigid_packing": {"packing": touching(), "body_n": np.zeros(touching().particles, dtype=int)},
-        "bead_packing": {"packing": pm.random_packing(2, dimension=2, packing_fraction=0.5, seed=1, shapes=pm.Dimer())},
-        "find_shape_contacts": {"packing": ellipses()},
-        "quartic_modes": {"scene": pm.Scene(ellipses(), (pm.Repulsion(),))},
-        "displaced": {"packing": ellipses(), "displacement_nd": np.zeros((2, 2)), "turn_nk": np.zeros((2, 1))},
-        "FixedParticles": {"particles": (0, 3), "velocity": (1.0, 0.0)},
-        "shear_jam": {"scene": scene(), "pressure": 1e-3, "largest_strain": 0.01},
-        "shear_at_pressure": {
-            "scene": scene(),
-            "rate": 0.01,
-            "pressure": 1e-3,
-            "applied_strain": 0.02,
-            "skip_strain": 0.0,
-            # too short to be steady
-            "check": False,
-        },
-        "SteadyStrain": {"rate": 0.1},
-        "OscillatoryShearDrive": {"amplitude": 0.1, "frequency": 0.2},
-        "SteadyShearDrive": {"rates": (0.1,)},
-        "DeformDrive": {"strain": {"yy": -0.1}},
-        "ShearAtPressureDrive": {"rate": 0.1, "pressure": 1e-3},
-        "SettleDrive": {},
-        "SimulateDrive": {"steps": 2},
-        "CreepDrive": {"stress": 0.1, "duration": 2.0},
-        "RampStrainDrive": {"rate": 0.1, "applied_strain": 0.2},
-        "rough_plates": {"packing": pm.random_packing(30, dimension=2, packing_fraction=0.9, seed=1)},
-        "equilibrate": {"scene": scene(), "amplitude": 1e-3, "frequency": 0.2, "dt": 0.2},
-        "OscillatoryStrain": {"amplitude": 0.1, "frequency": 0.2},
-        "cut_fragments": {"bonds": pm.bond_contacts(touching()), "packing": touching(), "seed": 1},
-        "fill_box": {"box": pm.Box.cubic(9.0, 2), "particles": 4, "packing_fraction": 0.8, "seed": 1},
-        "read_packing": {"path": folder / "a.npz"},
-        "read_law": {"path": folder / "a.npz"},
-        "read_trajectory": {"path": folder / "a.npz"},
-        "write_trajectory": {"snapshots": [touching()], "path": folder / "b.dump"},
-        "Snapshot": {"packing": touching()},
-        "snapshots": {"run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0), "scene": scene()},
-        "from_ase": {"atoms": pm.to_ase(touching())},
-        "from_hoomd": {"frame": pm.to_hoomd(touching())},
-        "from_freud": {"system": pm.to_freud(touching()), "radius": 0.5},
-        "to_networkx": {"contacts": pm.find_contacts(touching())},
-        "from_networkx": {"graph": pm.to_networkx(pm.find_contacts(touching())), "packing": touching()},
-        "read_scene": {"path": "default"},
-        "write_packing": {"packing": touching(), "path": folder / "b.npz"},
-        "write_scene": {"scene": scene(), "path": folder / "b.toml"},
-        "Scene": {"packing": touching(), "effects": (pm.Repulsion(),)},
-        "perturbation_energy": {"scene": scene(), "displacement_nd": np.zeros((9, 2))},
-        "project_force": {"packing": touching(), "force_nd": np.ones((9, 2))},
-        "density_of_states": {"source": scene()},
-        "soft_spots": {"modes": pm.normal_modes(scene())},
-        "quench": {"scene": scene(), "force_tolerance": 1e-6},
-        "settle": {"scene": scene(), "force_tolerance": 1e-6},
-        "run": {"scene": scene().replace(drive=pm.QuenchDrive(force_tolerance=1e-6))},
-        "QuenchBatch": {"scene": scene()},
-        "simulate": {"scene": scene(), "steps": 2},
-        "contact_dissipation": {"scene": scene(), "velocity_nd": np.zeros((9, 2))},
-        "ShearBatch": {"scenes": [scene()]},
-        "complex_modulus": {"scene": scene(), "frequency_f": [0.1]},
-        "mean_with_error": {"value_r": [1.0, 2.0]},
-        "at_packing_fraction": {"packing": touching(), "value": 0.5},
-        "mandel_tensor": {"vector_e": [1.0, 2.0, 0.0]},
-        "mandel_vector": {"tensor_dd": [[1.0, 0.0], [0.0, 2.0]]},
-        "ramp_strain": {"scene": scene(), "rate": 0.1, "applied_strain": 0.1, "samples": 5},
-        "steady_shear": {
-            "scene": scene(),
-            "rates": [0.1],
-            "applied_strain": 0.2,
-            "skip_strain": 0.1,
-            "blocks": 2,
-            "samples": 20,
-        },
-        "creep": {"scene": scene(), "stress": 1e-3, "duration": 1.0, "hold": 0.5},
-        "amplitude_sweep": {
-            "scene": scene(),
-            "amplitudes": [1e-3],
-            "frequency": 0.2,
-            "periods": 2.0,
-            "samples_per_period": 20,
-        },
-        "shear_series": {
-            "prepare": lambda seed: scene(),
-            "amplitudes": [1e-3],
-            "repeats": 1,
-            "frequency": 0.2,
-            "periods": 2.0,
-            "samples_per_period": 20,
-        },
-        "oscillatory_shear": {
-            "scene": scene(),
-            "amplitude": 1e-3,
-            "frequency": 0.2,
-            "periods": 2.0,
-            "samples_per_period": 20,
-            "dt": 0.2,
-        },
-        "demodulate": {"phase_t": np.linspace(0.0, 20.0, 400), "stress_t": np.zeros(400), "amplitude": 0.1},
-        "yield_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5], "loss_a": [1.0, 1.0]},
-        "softening_strain": {"amplitude_a": [0.1, 0.2], "storage_a": [2.0, 0.5]},
-        "play_motion": {"packing": touching(), "motion": np.eye(9, 2), "steps": 2},
-        "compress": {"scene": scene(), "distances": [1e-3]},
-        "small_value_exponent": {"values": [[0.1, 0.2], [0.3]], "largest": 1.0},
-        "coefficient_of_restitution": {"effects": (pm.Repulsion(), pm.Restitution(0.5)), "speed": 0.01},
-        "Material": {"young_modulus": 1.0},
-        "Materials": {"materials": (pm.Material(1.0),)},
-        "ByKind": {"numbers": [[1.0, 2.0], [2.0, 3.0]]},
-        "LawByKind": {"laws": [[pm.Harmonic()]]},
-        "PerKind": {"values": [1.0, 2.0]},
-        "LawPerKind": {"laws": [pm.Harmonic(1.0), pm.Harmonic(2.0)]},
-        "viscoelastic_time": {"law": pm.Hertz(), "restitution": 0.8, "speed": 0.01},
-        "TangentialDisplacements": {
-            "i_c": [0],
-            "j_c": [1],
-            "image_cd": [[0, 0]],
-            "displacement_ck": [[0.1]],
-            "at_wall_w": [0],
-            "wall_stretch_wk": [[0.1]],
-        },
-        "sweep_pressure": {
-            "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
-            "pressures": [2e-3],
-        },
-        "sweep_stress": {
-            "scene": scene().replace(packing=pm.lattice_packing("triangular", relative_overlap=1e-3)),
-            "stresses": [[[-2e-3, 0.0], [0.0, -2e-3]]],
-        },
-        "deform": {"scene": pressed(), "strain": {"yy": -1e-4}, "steps": 1},
-        "deform_at_rate": {"scene": scene(), "rate": 0.01, "strain": {"xx": -0.002}},
-        "work_precision": {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
-        "plot": {"thing": touching()},
-        "write_pictures": {
-            "run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0),
-            "folder": folder,
-            "scene": scene(),
-        },
-        "write_table": {"subject": traced(), "path": folder / "b.csv"},
-        "read_table": {"path": folder / "a.csv"},
-        "resume": {"path": folder / "run.npz", "scene": scene()},
-        "draw_frame": {"packing": touching(), "contacts": pm.find_contacts(touching()), "size": (40, 30)},
-        "Recording": {"path": folder / "steps.rrd", "scene": scene()},
-        "record_packing": {"subject": touching(), "path": folder / "a.rrd"},
-        "record_motion": {"played": pm.play_motion(touching(), np.eye(9, 2), steps=2), "path": folder / "m.rrd"},
-        "bond_orientational_order": {"packing": touching()},
-        "coarse_grain": {"scene": scene(), "width": 0.5},
-        "displacements": {"before": touching(), "after": touching()},
-        "local_strain": {"before": touching(), "after": touching()},
-        "mean_square_displacement": {"frames": [touching(), touching()]},
-        "self_scattering": {"frames": [touching(), touching()], "wave_number": 2.0},
-        "find_neighbors": {"packing": touching(), "rule": "cutoff", "cutoff": 1.2},
-        "nematic_order": {"packing": ellipses()},
-        "correlation_function": {"packing": touching(), "value_n": np.arange(9.0), "r_max": 1.1},
-        "correlation_length": {"r_b": np.arange(5.0), "value_b": np.zeros(5), "count_b": np.ones(5)},
-        "pair_distribution": {"packing": touching(), "r_max": 1.1},
-        "structure_factor": {"packing": touching(), "index_kd": [[1, 0], [0, 1]]},
-        "partial_structure_factors": {"packing": touching(), "index_kd": [[1, 0], [0, 1]]},
-        "spectral_density": {"packing": crystal(), "index_kd": [[1, 0], [0, 1]]},
-        "shell_average": {"box": pm.Box.cubic(2.0, 2), "index_kd": [[1, 0], [0, 1]], "value_k": [1.0, 2.0]},
-        "wave_indices": {"box": pm.Box.cubic(2.0, 2), "k_max": 4.0},
-        "wave_vectors": {"box": pm.Box.cubic(2.0, 2), "index_kd": [[1, 0], [0, 1]]},
-        "anneal_shape": {"scene": pressed(), "aspects": [1.05], "seed": 1, "pressure": 1e-3},
-        "cyclic_shear": {"scene": pressed(), "amplitude": 1e-3},
-        "tap": {"scene": pressed(), "amplitude": 1e-3, "seed": 1, "pressure": 1e-3},
-        "quasistatic_shear": {"scene": pressed(), "applied_strain": 1e-3},
-        "local_yield_stress": {
-            "scene": scene().replace(packing=pm.lattice_packing("triangular", repeats=(8, 8), relative_overlap=1e-3)),
-            "centers": [[1.0, 1.0]],
-            "radius": 1.0,
-            "largest_strain": 1e-3,
-        },
-        "shear_families": {"packing": hard_packing(), "applied_strain": 1e-3},
-        "bootstrap": {"value_r": [1.0, 2.0], "draws": 10},
-        "histogram": {"value_r": [1.0, 2.0]},
-        "fit_power_law": {"size_g": [1.0, 2.0, 4.0], "value_g": [4.0, 2.0, 1.0], "error_g": [0.1, 0.1, 0.1]},
-        "group_statistics": {"ensemble": pm.read_ensemble(folder / "ensemble"), "name": "value", "draws": 10},
-        "read_ensemble": {"folder": folder / "ensemble"},
-        "resume_ensemble": {"folder": folder / "ensemble"},
-        "run_ensemble": {"job": "calendar:leapdays", "grid": {"y1": 2000, "y2": 2010}, "folder": folder / "ensemble"},
-        "law": {"cls": type(pm.Harmonic())},
-        "effect": {"cls": type(pm.Repulsion())},
-        "minimizer": {"cls": Motionless},
-        "drive": {"cls": Idle},
-        "packing_kind": {"recipe": lone_particle},
-        "kernel": {"function": lone_particle},
-    }
-    if name in ones:
-        return ones[name]
-    parameters = inspect.signature(getattr(pm, name)).parameters
-    made = {"scene": scene, "packing": touching}
-    found = {key: make() for key, make in made.items() if key in parameters}
-    if name == "record_run":
-        found |= {"run": pm.Run(touching(), pm.Outcome.CONVERGED, 0.0, 1, 1, 0.0), "path": folder / "a.rrd"}
-    return found
-
-
-def call(name, arguments):
-    """Call a function or make a record; a law or an effect is checked by its scene, a minimizer by its quench."""
-    made = getattr(pm, name)(**arguments)
-    if is_effect(made):
-        # for spheres
-        space = isinstance(made, pm.TwistingResistance | pm.MeshWalls)
-        beside = () if isinstance(made, pm.JKR) else (pm.Repulsion(),)
-        pm.Scene(pm.lattice_packing("fcc") if space else touching(), (*beside, made))
-    if isinstance(made, pm.WallMotion | pm.HeldStress):
-        motion = pm.WallMotion(y=made) if isinstance(made, pm.HeldStress) else made
-        pm.Scene(touching(), (pm.Repulsion(), pm.Walls(1, 0.0, 1.0, high_motion=motion)))
-    if isinstance(made, pm.Mindlin):
-        pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, made)))
-    if isinstance(made, pm.DampingRatio):
-        pm.Scene(touching(), (pm.Repulsion(), pm.Friction(0.5, 1.0, made)))
-    if is_law(made):
-        pm.Scene(touching(), (pm.Repulsion(law=made),))
-    if name in MINIMIZERS:
-        pm.quench(scene(), force_tolerance=1e-6, method=made)
-    if name in INTEGRATORS:
-        pm.simulate(scene(), steps=2, method=made)
-    return made
-
-
-def public():
-    return [name for name in pm.__all__ if name not in RESULTS]
-
-
-def parameters(name):
-    return inspect.signature(getattr(pm, name)).parameters
-
-
 def bad_values(name, parameter):
     for key in (f"{name}.{parameter}", parameter):
         if key in BAD:
@@ -1108,11 +742,7 @@ def brief(value):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("files")
-    pm.write_packing(touching(), made / "a.npz", law=pm.Harmonic())
-    (made / "a.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-    pm.simulate(scene(), steps=2, checkpoint=made / "run.npz")
-    pm.write_table(traced(), made / "a.csv")
-    pm.run_ensemble("calendar:leapdays", {"y1": 2000, "y2": 2010}, made / "ensemble", workers=1)
+    write_files(made)
     return made
 
 

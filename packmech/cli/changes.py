@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from packmech.check import brief
 from packmech.cli import SEVERAL
 from packmech.cli.output import WHOLE, show
 from packmech.files.packings import is_packing_file, read_law, read_packing
@@ -113,10 +114,10 @@ class Changes:
         for text in self.set:
             path, given, value = text.partition("=")
             if not given or not path.strip():
-                raise ValueError(f"set must be NAME=VALUE, such as packing.particles=500, got {text!r}")
+                raise ValueError(f"set must be NAME=VALUE, such as packing.particles=500, got {brief(text)}")
             found[path.strip()] = read = value_of_text(value.strip())
             if isinstance(read, str) and all(isinstance(value_of_text(one), float | int) for one in read.split(",")):
-                raise ValueError(f"set must give one value to a name, got {text!r}: {SEVERAL} --grid {text}")
+                raise ValueError(f"set must give one value to a name, got {brief(text)}: {SEVERAL} --grid {text}")
         return found
 
 

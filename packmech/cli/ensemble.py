@@ -12,6 +12,7 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 from packmech.calls.display import in_words, value_with_error
+from packmech.check import brief
 from packmech.cli import FAILED, OK
 from packmech.cli.output import WHOLE, Load, Switch, show, table, working
 from packmech.ensemble.drawing import draw_ensemble
@@ -56,6 +57,7 @@ Scheduler = Annotated[
 ]
 Part = Annotated[str | None, Parameter(help="K/N: only this part, for array jobs")]
 Members = Annotated[Texts, Parameter(help="only these, named by their folders")]
+Trust = Annotated[Switch, Parameter(help="run the functions and files that the folder names: look at them first")]
 Group = Annotated[int | None, WHOLE, Parameter(help="members that a scheduler, or a job of row, is given at once")]
 TimeLimit = Annotated[
     float | None, Parameter(help="of each member, without compiling [s]; a member beyond it is ended and has failed")
@@ -211,9 +213,10 @@ def resume(
     group: Group = None,
     time_limit: TimeLimit = None,
     memory_limit: MemoryLimit = None,
+    trust: Trust = False,
 ) -> int:
     """Run what is missing of an ensemble, with the job and the parameters that its folder holds."""
-    return _resumed(folder, members, part, scheduler, False, _limits(workers, group, time_limit, memory_limit))
+    return _resumed(folder, members, part, scheduler, trust, False, _limits(workers, group, time_limit, memory_limit))
 
 
 @ensemble.command
@@ -227,9 +230,10 @@ def retry(
     group: Group = None,
     time_limit: TimeLimit = None,
     memory_limit: MemoryLimit = None,
+    trust: Trust = False,
 ) -> int:
     """Run what is missing of an ensemble, and what failed again."""
-    return _resumed(folder, members, part, scheduler, True, _limits(workers, group, time_limit, memory_limit))
+    return _resumed(folder, members, part, scheduler, trust, True, _limits(workers, group, time_limit, memory_limit))
 
 
 def _limits(
@@ -245,6 +249,7 @@ def _resumed(
     members: list[str] | None,
     part: str | None,
     scheduler: str | None,
+    trust: bool,
     retry: bool,
     limits: dict[str, Any],
 ) -> int:
@@ -252,7 +257,7 @@ def _resumed(
     names = None if members is None else [Path(one).name for one in members]
     return _carried_out(
         scheduler,
-        lambda settings: complete_folder(folder, settings, members=names, part=part),
+        lambda settings: complete_folder(folder, settings, members=names, part=part, trust=trust),
         {"retry": retry, **limits},
     )
 
@@ -274,7 +279,7 @@ def _grid(seeds: str | None, grid: list[str] | None) -> dict[str, Any]:
     for text in grid or ():
         name, given, values = text.partition("=")
         if not given or name in found:
-            raise ValueError(f"grid must be NAME=VALUES, each name once, got {text!r}")
+            raise ValueError(f"grid must be NAME=VALUES, each name once, got {brief(text)}")
         found[name] = values_in(values)
     if seeds is not None:
         found["seed"] = values_in(seeds, "seeds")
@@ -299,7 +304,7 @@ def _executor(scheduler: str | None) -> Iterator[Executor | None]:
         client = Client(scheduler, timeout=20, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ConnectionError(
-            f"scheduler must be the address of one that answers, got {scheduler!r}: {error}"
+            f"scheduler must be the address of one that answers, got {brief(scheduler)}: {error}"
         ) from error
     try:
         yield client.get_executor(pure=False)

@@ -11,7 +11,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import packmech
-from packmech.check import did_you_mean
+from packmech.check import brief, did_you_mean
 from packmech.cli.output import show, table
 
 INSTALLED = Path(packmech.__file__).parent / "gallery"
@@ -54,7 +54,7 @@ def gallery(
         return
     if name not in found:
         near = did_you_mean(name, found)
-        raise ValueError(f"name must be one of those that `packmech gallery` lists, got {name!r}{near}")
+        raise ValueError(f"name must be one of those that `packmech gallery` lists, got {brief(name)}{near}")
     if show_script:
         sys.stdout.write(found[name].read_text(encoding="utf-8"))
         return

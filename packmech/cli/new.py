@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from packmech.cli.changes import UNCHANGED, Changes
 from packmech.cli.output import Load, Seed, show
 from packmech.files.modules import load_modules
-from packmech.files.packings import replacing, target_file
+from packmech.files.paths import replacing, writable_file
 from packmech.scenes.reference import commented_scene
 from packmech.scenes.scene_file import scene_of_tables
 
@@ -50,7 +50,7 @@ def new(
     elif changes != UNCHANGED or seed is not None:
         tables.pop("description", None)
     scene_of_tables(tables, folder, name=str(file))
-    with replacing(target_file(file)) as partial:
+    with replacing(writable_file("file", file)) as partial:
         partial.write_text(commented_scene(tables), encoding="utf-8")
     verb = "jam" if tables.get("drive", {}).get("kind", "jam") == "jam" else "run"
     loaded = "".join(f" --load {one}" for one in load)

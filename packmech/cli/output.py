@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from packmech.calls.status import Status, shows, words_of
-from packmech.check import integer
+from packmech.check import brief, integer
 from packmech.effects import law_of
 from packmech.files.packings import NotKeptError, target_file, write_packing
 from packmech.packing import Packing
@@ -30,7 +30,7 @@ def _whole(hint: object, tokens: Sequence[Token]) -> int:
     try:
         return int(text)
     except ValueError:
-        raise ValueError(f"must be a whole number, got {text!r}") from None
+        raise ValueError(f"must be a whole number, got {brief(text)}") from None
 
 
 # of options that are whole numbers

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from packmech.cli.output import show as say
 from packmech.cli.output import table
-from packmech.files.packings import replacing, target_file
+from packmech.files.paths import replacing, writable_file
 from packmech.scenes.scene_file import list_scenes, shipped_scene_text
 
 
@@ -39,7 +39,7 @@ def scenes(
         sys.stdout.write(shipped_scene_text(show))
     if copy is not None:
         text = shipped_scene_text(copy)
-        target = target_file(Path(f"{copy}.toml") if to is None else to)
+        target = writable_file("to", Path(f"{copy}.toml") if to is None else to)
         if target.exists() and not overwrite:
             raise ValueError(f"to must name a file that does not exist (or give --overwrite), got {str(target)!r}")
         with replacing(target) as partial:

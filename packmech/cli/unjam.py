@@ -8,7 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import packmech as pm
-from packmech.check import one_of
+from packmech.check import brief, one_of
 from packmech.cli import FAILED, OK
 from packmech.cli.output import Files, GapTolerance, Json, Method, Out, Record, show, table, working
 from packmech.files.packings import read_packing
@@ -96,7 +96,7 @@ def _packing(name: str, repeats: list[int] | None) -> pm.Packing:
         raise ValueError(f"repeats must be left out for a packing in a file, got {repeats}")
     path = Path(name)
     if not path.exists():
-        raise ValueError(f"packing must be a file or one of {', '.join(LATTICE_NAMES)}, got {name!r}")
+        raise ValueError(f"packing must be a file or one of {', '.join(LATTICE_NAMES)}, got {brief(name)}")
     return read_packing(path)
 
 

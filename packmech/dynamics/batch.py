@@ -14,7 +14,7 @@ from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import declare
-from packmech.check import finite_array, instance, integer, one_of, positive, real, two_axes
+from packmech.check import brief, finite_array, instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.by_shape import turns_of
 from packmech.dynamics.deformation import Driven, end_path, extend_path, strain_direction
 from packmech.dynamics.engine import SHEARED_ENOUGH, WRAP_EVERY, Engine, build_engine
@@ -340,7 +340,7 @@ def frames(batch, doing, low, high, active_b, control_bk, wrap_b, good_b):
 def scenes_of(scenes: Any) -> list[Scene]:
     """Return the scenes of a batch, which must be alike."""
     if isinstance(scenes, Scene) or not isinstance(scenes, Sequence):
-        raise TypeError(f"scenes must be a list of scenes, got {scenes!r:.60}")
+        raise TypeError(f"scenes must be a list of scenes, got {brief(scenes)}")
     if not scenes:
         raise ValueError("scenes must hold at least one scene, got none")
     for b, scene in enumerate(scenes):
@@ -365,7 +365,7 @@ def must_be_alike(name: str, scene: Any, first: Scene) -> None:
             f"{type(first.packing.shapes).__name__}, got {type(scene.packing.shapes).__name__}"
         )
     if _kinds(scene.effects) != _kinds(first.effects):
-        raise ValueError(f"{name} must have the kinds of effects of the first scene, got {scene.effects!r:.100}")
+        raise ValueError(f"{name} must have the kinds of effects of the first scene, got {brief(scene.effects)}")
     several, others = (kinds_in(one.effects, one.packing) is not None for one in (scene, first))
     if several != others:
         raise ValueError(
@@ -469,12 +469,12 @@ class ShearBatch:
         first = self.scenes[0]
         self.control = one_of("control", control, tuple(CONTROLS))
         if not isinstance(switched_friction, bool | np.bool_):
-            raise TypeError(f"switched_friction must be True or False, got {switched_friction!r}")
+            raise TypeError(f"switched_friction must be True or False, got {brief(switched_friction)}")
         if switched_friction and not friction_of(first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
         rough = friction_of(first.effects)
         if switched_friction and rough and isinstance(rough.coefficient, ByKind):
-            raise ValueError(f"switched_friction must be left out where friction differs by kinds, got {rough!r}")
+            raise ValueError(f"switched_friction must be left out where friction differs by kinds, got {brief(rough)}")
         method = checked_method(method)
         self.axes = two_axes("axes", axes, dimension=first.packing.dimension)
         self._direction_dd = strain_direction("shear", self.axes, first.packing.dimension)
@@ -613,7 +613,7 @@ class ShearBatch:
         if active_b is None:
             active_b = self._all_b
         elif type(active_b) is not np.ndarray or active_b.shape != self._all_b.shape or active_b.dtype != np.bool_:
-            raise ValueError(f"active_b must be {len(self.scenes)} times True or False, got {active_b!r:.60}")
+            raise ValueError(f"active_b must be {len(self.scenes)} times True or False, got {brief(active_b)}")
         bad = not_finite(control_bk, active_b) if self.threads > 1 else -1
         wrapping = self._call(FRESH, active_b, control_bk) if bad < 0 else 0
         if bad >= 0 or wrapping < 0:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
-from packmech.check import instance
+from packmech.check import brief, instance
 from packmech.dynamics.account import (
     BOX,
     DISSIPATING,
@@ -136,7 +136,7 @@ def contact_dissipation(
         )
     if applied_strain is not None and not isinstance(applied_strain, SteadyStrain | OscillatoryStrain):
         raise TypeError(
-            f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {applied_strain!r}"
+            f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {brief(applied_strain)}"
         )
     velocity, spin, _ = start_of_motion(scene.packing, velocity_nd, spin_nk, None)
     stiff, damped, drag = stiffness_and_damping(scene)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import brief
 from packmech.constraints.compiled_links import compile_links, linked_pairs
 from packmech.constraints.rattle import Rattle, along_rattle, make_rattle, project_rattle, refill_rattle
 from packmech.constraints.redundancy import workable_links
@@ -1030,7 +1031,7 @@ def build_engine(
         if langevin is not None and flow is not None:
             raise ValueError(
                 "scene.effects must have no Langevin where energies are accounted for in a box that deforms, as both "
-                f"change velocities between kicks, got {langevin!r}"
+                f"change velocities between kicks, got {brief(langevin)}"
             )
         built.book = make_book(scene, body, d + spins, len(built.pairs.row_b) - 1, walls, ledger_every)
     built._link_rows()

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import finite_array, particle_mask, positive
+from packmech.check import brief, finite_array, particle_mask, positive
 from packmech.dynamics.faces import face_area
 from packmech.dynamics.friction import frictions_at_contacts, resistance_at_contacts, stiffening
 from packmech.effects import (
@@ -88,7 +88,7 @@ def checked_method(method: Any) -> Method:
     """Return the method of integration, VelocityVerlet() where it is None."""
     found = VelocityVerlet() if method is None else method
     if not isinstance(found, Method):
-        raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {method!r}")
+        raise TypeError(f"method must be VelocityVerlet() or SemiImplicitEuler(), got {brief(method)}")
     positive("method.fraction", found.fraction)
     return found
 

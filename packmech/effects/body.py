@@ -10,6 +10,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from packmech.check import brief
 from packmech.effects.damping import ContactDamping, Restitution, ViscoelasticDamping
 from packmech.effects.friction import Friction, Mindlin, at_contact
 from packmech.effects.kinds import PerKind, at_kind, kinds_by_rows, largest_number, rows_in
@@ -256,16 +257,16 @@ class Walls(NamedTuple):
             if len(row) != len(rows[0][1]):
                 return f"{name} must be for as many kinds as {rows[0][0]}, {len(rows[0][1])}, got {len(row)}"
         if self.axis not in (0.0, 1.0, 2.0):
-            return f"axis must be 0, 1 or 2, got {self.axis!r}"
+            return f"axis must be 0, 1 or 2, got {brief(self.axis)}"
         for name, kinds in ROUGHNESS.items():
             value = getattr(self, name)
             if value is not None and not isinstance(value, kinds):
                 words = ", ".join(f"{kind.__name__}(...)" for kind in kinds)
-                return f"{name} must be {words} or None, got {value!r}"
+                return f"{name} must be {words} or None, got {brief(value)}"
         for name, value in (("low_motion", self.low_motion), ("high_motion", self.high_motion)):
             if value is not None and not isinstance(value, WallMotion):
-                return f"{name} must be WallMotion(...) or None, got {value!r}"
-        return "" if self.low < self.high else f"high must be above low ({self.low!r}), got {self.high!r}"
+                return f"{name} must be WallMotion(...) or None, got {brief(value)}"
+        return "" if self.low < self.high else f"high must be above low ({self.low!r}), got {brief(self.high)}"
 
     def body_force(
         self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
@@ -470,27 +471,27 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
         if one.roughness is not None and packing.shapes.has_orientations:
             raise ValueError(
                 f"effects[{k}] must be smooth Walls, with friction=pm.Friction(0.0), for {packing.shapes.names[1]}: "
-                f"rough ones touch discs and spheres, got {one.roughness!r}"
+                f"rough ones touch discs and spheres, got {brief(one.roughness)}"
             )
         if one.moves and packing.shapes.has_orientations:
             raise ValueError(
                 f"effects[{k}] must be Walls that stand still for {packing.shapes.names[1]}: those that move push "
-                f"discs and spheres, got {one.low_motion!r} and {one.high_motion!r}"
+                f"discs and spheres, got {brief(one.low_motion)} and {one.high_motion!r}"
             )
         for name in ("low_motion", "high_motion"):
             motion = moved_along(getattr(one, name))
             beyond = motion[packing.dimension :]
             if any(beyond):
-                raise ValueError(f"effects[{k}].{name}.z must be zero in a plane, got {beyond[0]!r}")
+                raise ValueError(f"effects[{k}].{name}.z must be zero in a plane, got {brief(beyond[0])}")
             idle = [a for a, along in enumerate(motion) if a != one.axis and along != 0.0]
             if idle and one.roughness is None:
                 raise ValueError(
                     f"effects[{k}].{name}.{'xyz'[idle[0]]} must be zero for smooth walls, which drag nothing along, "
-                    f"got {motion[idle[0]]!r}: give friction=pm.Friction(...)"
+                    f"got {brief(motion[idle[0]])}: give friction=pm.Friction(...)"
                 )
         if one.twisting is not None and packing.dimension == 2:
             raise ValueError(
-                f"effects[{k}].twisting must be None in a plane, where nothing twists, got {one.twisting!r}"
+                f"effects[{k}].twisting must be None in a plane, where nothing twists, got {brief(one.twisting)}"
             )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
-from packmech.check import finite_array, instance, integer_array, one_of, positive_array, real
+from packmech.check import brief, finite_array, instance, integer_array, one_of, positive_array, real
 from packmech.contacts import Contacts, find_contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects.held import held_particles
@@ -116,11 +116,13 @@ def _limit(name: str, value: Any) -> float | tuple[float, ...] | None:
     given = list(value) if several else [value]
     for one in given:
         if isinstance(one, bool) or not isinstance(one, int | float | np.integer | np.floating):
-            raise TypeError(f"{name} must be a number, or one for each bond, or None, got {one!r}")
+            raise TypeError(f"{name} must be a number, or one for each bond, or None, got {brief(one)}")
         if math.isnan(one) or one <= 0.0:
-            raise ValueError(f"{name} must be positive, got {one!r}")
+            raise ValueError(f"{name} must be positive, got {brief(one)}")
         if name == "squeeze" and 1.0 <= one < math.inf:
-            raise ValueError(f"squeeze must be below 1, as no bond is shorter than 0, or inf for none, got {one!r}")
+            raise ValueError(
+                f"squeeze must be below 1, as no bond is shorter than 0, or inf for none, got {brief(one)}"
+            )
     return tuple(map(float, given)) if several else float(given[0])
 
 
@@ -212,7 +214,7 @@ class Bonds:
         for name in ("compression", "tension"):
             one = getattr(self, name)
             if not is_law(one):
-                raise TypeError(f"{name} must be a law such as LinearSpring(...), got {one!r}")
+                raise TypeError(f"{name} must be a law such as LinearSpring(...), got {brief(one)}")
             if feels_curvature(one):
                 raise ValueError(
                     f"{name} must be a law of the distance and the rest length, as bonds have no effective radius, got "
@@ -220,7 +222,8 @@ class Bonds:
                 )
             if kinds_matter((one,)):
                 raise ValueError(
-                    f"{name} must be the same for all kinds of particles, as bonds join particles by name, got {one!r}"
+                    f"{name} must be the same for all kinds of particles, as bonds join particles by name, "
+                    f"got {brief(one)}"
                 )
         self._check_tension()
         for name in ("tangential_stiffness", "damping", "tangential_damping"):
@@ -241,7 +244,7 @@ class Bonds:
             if not math.isfinite(force):
                 raise ValueError(
                     "tension must be a law that holds beyond the rest length, such as LinearSpring(...) or "
-                    f"ExponentialTension(...), got {self.tension!r}"
+                    f"ExponentialTension(...), got {brief(self.tension)}"
                 )
 
     def _check_limits(self, order_b: NDArray[np.int64]) -> None:

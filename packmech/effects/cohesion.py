@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import positive
+from packmech.check import brief, positive
 from packmech.contacts.network import effective_radius
 from packmech.effects.pair import effect
 from packmech.effects.partners import Partners
@@ -83,7 +83,7 @@ class ShortRangeAttraction(NamedTuple):
 
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
-        return "" if self.width > 0.0 else f"width must be positive, got {self.width!r}"
+        return "" if self.width > 0.0 else f"width must be positive, got {brief(self.width)}"
 
     def reach(self, contact_distance: float) -> float:
         """Return the distance beyond which it is zero [length]."""
@@ -147,8 +147,8 @@ class DMT(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if not self.separation > 0.0:
-            return f"separation must be positive, got {self.separation!r}"
-        return "" if self.cut > 0.0 else f"cut must be positive, got {self.cut!r}"
+            return f"separation must be positive, got {brief(self.separation)}"
+        return "" if self.cut > 0.0 else f"cut must be positive, got {brief(self.cut)}"
 
     def reach(self, partners: Partners) -> float:
         """Return the distance beyond which it is zero [length]."""
@@ -282,8 +282,8 @@ class JKR(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if not self.modulus > 0.0:
-            return f"modulus must be positive, got {self.modulus!r}"
-        return "" if self.adhesion > 0.0 else f"adhesion must be positive, got {self.adhesion!r}"
+            return f"modulus must be positive, got {brief(self.modulus)}"
+        return "" if self.adhesion > 0.0 else f"adhesion must be positive, got {brief(self.adhesion)}"
 
     def reach(self, partners: Partners) -> float:
         """Return the distance at which bonds break [length]."""
@@ -394,9 +394,9 @@ class CapillaryBridge(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if not self.volume > 0.0:
-            return f"volume must be positive, got {self.volume!r}"
+            return f"volume must be positive, got {brief(self.volume)}"
         right = self.contact_angle < 0.5 * math.pi
-        return "" if right else f"contact_angle must be below pi/2, got {self.contact_angle!r}"
+        return "" if right else f"contact_angle must be below pi/2, got {brief(self.contact_angle)}"
 
     def reach(self, partners: Partners) -> float:
         """Return the distance at which bridges rupture [length]."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from packmech.check import brief
 from packmech.effects.kinds import ByKind, largest_number, number_at
 from packmech.effects.pair import TouchingPair, effect
 
@@ -51,7 +52,9 @@ class ContactDamping(_ContactDamping):
         """Return the record; compiled loops take numbers, so that an onset by name becomes one."""
         if isinstance(onset, str):
             if onset not in ONSETS:
-                raise ValueError(f"onset must be one of {', '.join(map(repr, ONSETS))} or an overlap, got {onset!r}")
+                raise ValueError(
+                    f"onset must be one of {', '.join(map(repr, ONSETS))} or an overlap, got {brief(onset)}"
+                )
             onset = ONSETS[onset]
         return super().__new__(cls, coefficient, onset)
 
@@ -98,7 +101,7 @@ class Restitution(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the number; nothing is, where it is empty."""
         within = 0.0 < largest_number(self.coefficient) <= 1.0
-        return "" if within else f"coefficient must be above 0 and at most 1, got {self.coefficient!r}"
+        return "" if within else f"coefficient must be above 0 and at most 1, got {brief(self.coefficient)}"
 
     def pair_damping(self, pair: TouchingPair) -> float:
         """Return the coefficient of the dashpot [mass/time]."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from packmech.check import brief
 from packmech.effects.kinds import ByKind, largest_number, number_at
 from packmech.effects.pair import effect
 from packmech.jit.compiled import device, tell_apart
@@ -40,7 +41,7 @@ class Mindlin(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the number; nothing is, where it is empty."""
         within = 0.0 <= largest_number(self.poisson_ratio) <= 0.5
-        return "" if within else f"poisson_ratio must be from 0 to 0.5, got {self.poisson_ratio!r}"
+        return "" if within else f"poisson_ratio must be from 0 to 0.5, got {brief(self.poisson_ratio)}"
 
 
 class DampingRatio(NamedTuple):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from packmech.check import brief
 from packmech.effects.laws import Law, LinearSpring, law, law_energy, law_first, law_second
 from packmech.effects.partners import Partners, passes_partners_on
 
@@ -54,8 +55,8 @@ class DivergentRepulsion(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if not 0.0 <= self.divergence <= 1.0:
-            return f"divergence must be from 0 to 1, got {self.divergence!r}"
-        return "" if self.cap >= 1.0 else f"cap must be at least 1, got {self.cap!r}"
+            return f"divergence must be from 0 to 1, got {brief(self.divergence)}"
+        return "" if self.cap >= 1.0 else f"cap must be at least 1, got {brief(self.cap)}"
 
     def energy(self, distance: float, contact_distance: float) -> float:
         """Return the energy [energy]."""
@@ -143,10 +144,10 @@ class PlateauRepulsion(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if not 0.0 < self.begin <= 1.0:
-            return f"begin must be above 0 and at most 1, got {self.begin!r}"
+            return f"begin must be above 0 and at most 1, got {brief(self.begin)}"
         if not self.begin <= self.end <= 1.0:
-            return f"end must be at least begin and at most 1, got {self.end!r}"
-        return "" if self.slope <= 1.0 else f"slope must be at most 1, got {self.slope!r}"
+            return f"end must be at least begin and at most 1, got {brief(self.end)}"
+        return "" if self.slope <= 1.0 else f"slope must be at most 1, got {brief(self.slope)}"
 
     def energy(self, distance: float, partners: Partners) -> float:
         """Return the energy [energy]."""
@@ -221,7 +222,7 @@ class ExponentialTension(NamedTuple):
 
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
-        return "" if self.fraction > 0.0 else f"fraction must be positive, got {self.fraction!r}"
+        return "" if self.fraction > 0.0 else f"fraction must be positive, got {brief(self.fraction)}"
 
     def energy(self, distance: float, contact_distance: float) -> float:
         """Return the energy [energy]."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import finite_array
+from packmech.check import brief, finite_array
 from packmech.effects.pair import bound_effect
 
 
@@ -52,11 +52,11 @@ class FixedParticles:
     def __post_init__(self) -> None:
         given = self.particles
         if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-            raise TypeError(f"particles must be the numbers of particles, got {given!r}")
+            raise TypeError(f"particles must be the numbers of particles, got {brief(given)}")
         numbers = list(given)
         for k, one in enumerate(numbers):
             if isinstance(one, bool | np.bool_) or not isinstance(one, int | np.integer):
-                raise TypeError(f"particles must be whole numbers, got {one!r} at {k}")
+                raise TypeError(f"particles must be whole numbers, got {brief(one)} at {k}")
             if one < 0:
                 raise ValueError(f"particles must not be negative, got {one} at {k}")
         if len(set(numbers)) < len(numbers):

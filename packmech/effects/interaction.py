@@ -39,6 +39,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
+from packmech.check import brief
 from packmech.contacts.elements import Elements
 from packmech.contacts.excluded import Excluded
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
@@ -120,13 +121,13 @@ def refuse_curvature_of_shapes(effects: tuple[Any, ...], packing: Packing) -> No
         if is_interaction(one):
             raise ValueError(
                 f"effects must hold no {written_name(type(one))} for {shapes.names[1]}, as it acts between surfaces of "
-                f"discs or spheres about the centers, got {one!r} at {k}: {way}"
+                f"discs or spheres about the centers, got {brief(one)} at {k}: {way}"
             )
         if not shapes.has_beads:
             raise ValueError(
                 f"effects must hold nothing that asks for effective radii for {shapes.names[1]}, whose curvature "
-                f"differs from place to place, got {one!r} at {k}: take a law of distances alone, such as pm.Hertz, or "
-                f"{way}"
+                f"differs from place to place, got {brief(one)} at {k}: take a law of distances alone, such as "
+                f"pm.Hertz, or {way}"
             )
 
 

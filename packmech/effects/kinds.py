@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.kinds import looks_at_kinds, reads_kinds, records_in
+from packmech.check import brief
 from packmech.contacts.network import pair_of_kinds
 from packmech.effects.laws import Law, is_law, law, law_energy, law_first, law_second
 from packmech.effects.partners import Partners, equal_partners, partners_of, passes_partners_on
@@ -37,7 +38,9 @@ def _table(name: str, given: Any, *, words: str) -> tuple[Any, ...]:
     if isinstance(given, np.ndarray):
         given = given.tolist()
     if not isinstance(given, tuple | list) or hasattr(given, "_fields") or not given:
-        raise TypeError(f"{name} must be rows of a square of {words}, or a mapping of pairs of kinds, got {given!r}")
+        raise TypeError(
+            f"{name} must be rows of a square of {words}, or a mapping of pairs of kinds, got {brief(given)}"
+        )
     rows = [isinstance(one, tuple | list) and not hasattr(one, "_fields") for one in given]
     if not any(rows):
         if not kinds_of_table(len(given)):
@@ -45,11 +48,11 @@ def _table(name: str, given: Any, *, words: str) -> tuple[Any, ...]:
         return tuple(given)
     kinds = len(given)
     if not all(rows) or any(len(row) != kinds for row in given):
-        raise ValueError(f"{name} must be a square of {words}, as many rows as columns, got {given!r}")
+        raise ValueError(f"{name} must be a square of {words}, as many rows as columns, got {brief(given)}")
     for a, b in itertools.combinations(range(kinds), 2):
         if given[a][b] != given[b][a]:
             raise ValueError(
-                f"{name} must be the same for kinds {a} and {b} as for {b} and {a}, got {given[a][b]!r} and "
+                f"{name} must be the same for kinds {a} and {b} as for {b} and {a}, got {brief(given[a][b])} and "
                 f"{given[b][a]!r}"
             )
     return tuple(given[high][low] for high in range(kinds) for low in range(high + 1))
@@ -60,7 +63,7 @@ def _table_of_pairs(name: str, given: Mapping[Any, Any], words: str) -> tuple[An
     for pair, one in given.items():
         a, b = checked_pair(name, pair)
         if found.setdefault((b, a), one) != one:
-            raise ValueError(f"{name} must be the same for kinds {a} and {b} as for {b} and {a}, got {given!r}")
+            raise ValueError(f"{name} must be the same for kinds {a} and {b} as for {b} and {a}, got {brief(given)}")
     kinds = max((high for high, _ in found), default=-1) + 1
     missing = [(b, a) for a in range(kinds) for b in range(a + 1) if (a, b) not in found]
     if missing or not kinds:
@@ -77,7 +80,7 @@ def checked_pair(name: str, pair: Any) -> tuple[int, int]:
     except (TypeError, ValueError):
         whole = False
     if not whole:
-        raise TypeError(f"{name} must name pairs of kinds such as (0, 1), got {pair!r}")
+        raise TypeError(f"{name} must name pairs of kinds such as (0, 1), got {brief(pair)}")
     return int(min(a, b)), int(max(a, b))
 
 
@@ -196,9 +199,9 @@ def _laws_of_one_class(laws: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return laws, after refusing what is none, and one that is of another class than the first, or holds others."""
     for one in laws:
         if not is_law(one) or isinstance(one, LawByKind | LawPerKind):
-            raise TypeError(f"laws must be laws such as Harmonic(...), got {one!r}")
+            raise TypeError(f"laws must be laws such as Harmonic(...), got {brief(one)}")
         if _classes(one) != _classes(laws[0]):
-            raise TypeError(f"laws must be of one class, {' of '.join(_classes(laws[0]))}, got {one!r}")
+            raise TypeError(f"laws must be of one class, {' of '.join(_classes(laws[0]))}, got {brief(one)}")
     return laws
 
 
@@ -246,7 +249,7 @@ class PerKind(_PerKind):
         row = _row("values", values, words="numbers")
         for one in row:
             if isinstance(one, bool) or not isinstance(one, int | float | np.number):
-                raise TypeError(f"values must be numbers, one for each kind of particles, got {one!r}")
+                raise TypeError(f"values must be numbers, one for each kind of particles, got {brief(one)}")
         return super().__new__(cls, row)
 
     def of(self, kind: int) -> float:
@@ -321,13 +324,13 @@ def _row(name: str, given: Any, *, words: str) -> tuple[Any, ...]:
     if isinstance(given, np.ndarray):
         given = given.tolist()
     if not isinstance(given, tuple | list) or hasattr(given, "_fields") or not given:
-        raise TypeError(f"{name} must be {words}, one for each kind of particles, got {given!r}")
+        raise TypeError(f"{name} must be {words}, one for each kind of particles, got {brief(given)}")
     return tuple(given)
 
 
 def _checked_kind(kind: Any, kinds: int) -> int:
     if isinstance(kind, bool) or not isinstance(kind, int | np.integer):
-        raise TypeError(f"kind must be a whole number, got {kind!r}")
+        raise TypeError(f"kind must be a whole number, got {brief(kind)}")
     if not 0 <= kind < kinds:
         raise ValueError(f"kind must be from 0 to {kinds - 1}, got {kind}")
     return int(kind)
@@ -442,7 +445,7 @@ def _refuse_readers_of_pairs(k: int, walls: Any) -> None:
         if name and reads_kinds(cls):
             raise ValueError(
                 f"effects[{k}].{name} must read no kinds, which are those of two particles, where one touches a wall, "
-                f"got {one!r}: take pm.LawPerKind or pm.PerKind in pm.Walls"
+                f"got {brief(one)}: take pm.LawPerKind or pm.PerKind in pm.Walls"
             )
 
 

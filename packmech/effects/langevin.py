@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from packmech.check import brief
 from packmech.effects.pair import effect
 
 
@@ -42,7 +43,7 @@ class Langevin(NamedTuple):
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         whole = float(self.seed).is_integer() and 0 <= self.seed < 1 << 53
-        return "" if whole else f"seed must be a whole number from 0 on, below 2^53, got {self.seed!r}"
+        return "" if whole else f"seed must be a whole number from 0 on, below 2^53, got {brief(self.seed)}"
 
     def bath_rate(self) -> float:
         """Return the rate of the drag [1/time]."""

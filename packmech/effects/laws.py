@@ -24,6 +24,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, TypeVar
 
+from packmech.check import brief
 from packmech.effects.derivatives import check_continuity, check_derivatives, default_record, may_jump
 from packmech.effects.partners import Partners, argument_of, as_asked, asks_for_partners, equal_partners
 from packmech.jit.compiled import compiled_form, compiled_methods, own_name, tell_apart
@@ -94,7 +95,7 @@ def law(cls: L) -> L:
 
     """
     if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
-        raise TypeError(f"law must be a NamedTuple class, got {cls!r}")
+        raise TypeError(f"law must be a NamedTuple class, got {brief(cls)}")
     for name in _METHODS:
         method = vars(cls).get(name)
         if not inspect.isfunction(method):

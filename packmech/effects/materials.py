@@ -42,7 +42,9 @@ def _means(mixing: str | Mapping[str, str]) -> dict[str, Callable[[float, float]
         return dict.fromkeys(MIXED, MIXING[one_of("mixing", mixing, tuple(MIXING))])
     for name in mixing:
         if name not in MIXED:
-            raise ValueError(f"mixing must be of {' or '.join(MIXED)}, got {name!r}{did_you_mean(str(name), MIXED)}")
+            raise ValueError(
+                f"mixing must be of {' or '.join(MIXED)}, got {brief(name)}{did_you_mean(str(name), MIXED)}"
+            )
     return {name: MIXING[one_of(f"mixing.{name}", mixing.get(name, "geometric"), tuple(MIXING))] for name in MIXED}
 
 
@@ -292,13 +294,16 @@ class Materials:
             low, high = checked_pair("exceptions", pair)
             if high >= len(self.materials):
                 raise ValueError(
-                    f"exceptions must name kinds below {len(self.materials)}, the number of materials, got {pair!r}"
+                    f"exceptions must name kinds below {len(self.materials)}, the number of materials, "
+                    f"got {brief(pair)}"
                 )
             if (low, high) in checked:
-                raise ValueError(f"exceptions must name kinds {low} and {high} once, got {pair!r} again")
+                raise ValueError(f"exceptions must name kinds {low} and {high} once, got {brief(pair)} again")
             if not isinstance(numbers, Mapping) or not set(numbers) <= known:
                 names = ", ".join(sorted(known))
-                raise ValueError(f"exceptions must hold numbers by name, among {names}, got {numbers!r} for {pair!r}")
+                raise ValueError(
+                    f"exceptions must hold numbers by name, among {names}, got {brief(numbers)} for {pair!r}"
+                )
             checked[low, high] = dict(numbers)
         object.__setattr__(self, "exceptions", checked)
         for pair in self._pairs():
@@ -400,7 +405,7 @@ class Materials:
         if isinstance(of, Material):
             return (one if one == of else one.mixed(of, self.mixing)), _modulus_of(one, of)
         if isinstance(of, bool) or not isinstance(of, int | np.integer):
-            raise TypeError(f"of must be a Material, or the number of one of these, got {of!r}")
+            raise TypeError(f"of must be a Material, or the number of one of these, got {brief(of)}")
         place = integer("of", of, at_least=0, at_most=len(self.materials) - 1)
         both = self.of(kind, place)
         measured = self.exceptions.get((min(kind, place), max(kind, place)), {})

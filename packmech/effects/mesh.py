@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
-from packmech.check import finite_array
+from packmech.check import brief, finite_array
 from packmech.contacts.triangles import (
     EDGE,
     FACE,
@@ -174,7 +174,7 @@ class MeshWalls:
         number = np.asarray(self.triangles)
         if number.ndim != 2 or number.shape[1] != 3 or not len(number) or number.dtype.kind not in "iu":
             raise ValueError(
-                f"triangles must be a (T, 3) array of whole numbers, the corners of each, got {self.triangles!r}"
+                f"triangles must be a (T, 3) array of whole numbers, the corners of each, got {brief(self.triangles)}"
             )
         number = number.astype(np.int64)
         if number.min() < 0 or number.max() >= len(vertex):

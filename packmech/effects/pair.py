@@ -17,6 +17,7 @@ from numba import literal_unroll
 from numpy.typing import NDArray
 
 from packmech.calls.honors import EFFECTS
+from packmech.check import brief
 from packmech.effects.derivatives import (
     check_continuity,
     check_derivatives,
@@ -161,7 +162,7 @@ def effect(cls: E) -> E:
 
     """
     if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
-        raise TypeError(f"effect must be a NamedTuple class, got {cls!r}")
+        raise TypeError(f"effect must be a NamedTuple class, got {brief(cls)}")
     hooks = {name: vars(cls)[name] for name in _HOOKS if inspect.isfunction(vars(cls).get(name))}
     if not hooks:
         raise TypeError(f"effect {cls.__name__} must define at least one of {', '.join(_HOOKS)}")
@@ -178,7 +179,7 @@ def effect(cls: E) -> E:
             raise TypeError(f"effect {cls.__name__} must not define {name}: {why}")
     said = getattr(cls, "acts_as", EFFECTS[0])
     if said not in EFFECTS:
-        raise ValueError(f"effect {cls.__name__}.acts_as must be one of {', '.join(EFFECTS)}, got {said!r}")
+        raise ValueError(f"effect {cls.__name__}.acts_as must be one of {', '.join(EFFECTS)}, got {brief(said)}")
     own_name("effect", cls, _COMPILED)
     tell_apart(cls)
     example = default_record(cls)
@@ -204,7 +205,9 @@ def _memory_of(cls: type, hooks: dict[str, Any]) -> int:
     """Return how many numbers a class keeps of each pair, and refuse what says so without keeping any."""
     memory = getattr(cls, "memory", 0)
     if "memory" in getattr(cls, "_fields", ()) or isinstance(memory, bool) or not isinstance(memory, int) or memory < 0:
-        raise TypeError(f"effect {cls.__name__}.memory must be how many numbers it keeps of each pair, got {memory!r}")
+        raise TypeError(
+            f"effect {cls.__name__}.memory must be how many numbers it keeps of each pair, got {brief(memory)}"
+        )
     if bool(memory) != ("remember" in hooks) or (memory and "reach" not in hooks):
         raise TypeError(
             f"effect {cls.__name__} must have memory = (how many numbers it keeps of each pair), remember(distance, "
@@ -214,7 +217,7 @@ def _memory_of(cls: type, hooks: dict[str, Any]) -> int:
     if not isinstance(begins, bool) or (begins and not memory) or "begins_at_contact" in getattr(cls, "_fields", ()):
         raise TypeError(
             f"effect {cls.__name__}.begins_at_contact must be True or False for the whole class, and False where it "
-            f"has no memory, got {begins!r}"
+            f"has no memory, got {brief(begins)}"
         )
     return memory
 
@@ -249,7 +252,7 @@ def _check_damping(what: str, effect: Any) -> None:
             # of what just touches the energy and the force are 0
             found = math.nan
         if not 0.0 <= found < math.inf:
-            raise ValueError(f"{what}.pair_damping must be finite and not negative, got {found!r} for {pair}")
+            raise ValueError(f"{what}.pair_damping must be finite and not negative, got {brief(found)} for {pair}")
 
 
 def bound_effect(cls: E) -> E:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from packmech.check import clear_errors, positive, positive_array, real
+from packmech.check import brief, clear_errors, positive, positive_array, real
 from packmech.contacts.network import pair_of_kinds
 from packmech.effects.damping import ViscoelasticDamping
 from packmech.effects.interaction import is_interaction
@@ -71,12 +71,12 @@ def coefficient_of_restitution(
 
     """
     if not isinstance(effects, tuple | list):
-        raise TypeError(f"effects must be a tuple of effects, got {effects!r}")
+        raise TypeError(f"effects must be a tuple of effects, got {brief(effects)}")
     acting = tuple(effects)
     for k, one in enumerate(acting):
         knows = is_effect(one) and not is_bound(one) and not is_interaction(one)
         if not knows or not (hasattr(one, "pair_energy") or damps(one)):
-            raise TypeError(f"effects[{k}] must be a repulsion or a dashpot of touching pairs, got {one!r}")
+            raise TypeError(f"effects[{k}] must be a repulsion or a dashpot of touching pairs, got {brief(one)}")
     partners, mass = _pair_of(radii, masses)
     low, high = checked_pair("kinds", kinds)
     for k, one in enumerate(acting):
@@ -97,9 +97,9 @@ def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[Partners, float]:
     try:
         found = np.asarray(masses, dtype=np.float64)
     except (TypeError, ValueError):
-        raise TypeError(f"masses must be two positive numbers, got {masses!r}") from None
+        raise TypeError(f"masses must be two positive numbers, got {brief(masses)}") from None
     if found.shape != (2,) or not (found > 0.0).all() or np.isinf(found).all():
-        raise ValueError(f"masses must be two positive numbers, one of them finite, got {masses!r}")
+        raise ValueError(f"masses must be two positive numbers, one of them finite, got {brief(masses)}")
     return partners, 1.0 / float((1.0 / found).sum())
 
 
@@ -186,7 +186,7 @@ def viscoelastic_time(
     """
     aim = real("restitution", restitution, above=0.0, below=1.0)
     if not is_law(law):
-        raise TypeError(f"law must be a law such as Hertz(), got {law!r}")
+        raise TypeError(f"law must be a law such as Hertz(), got {brief(law)}")
 
     partners, mass = _pair_of(radii, masses)
     energy = 0.5 * mass * positive("speed", speed) ** 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from packmech.check import brief
 from packmech.effects.friction import Friction, friction_of
 from packmech.effects.pair import effect
 from packmech.packing import Packing
@@ -77,7 +78,7 @@ class ConstantRolling(NamedTuple):
 
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
-        return "" if self.damping > 0.0 else f"damping must be positive, got {self.damping!r}"
+        return "" if self.damping > 0.0 else f"damping must be positive, got {brief(self.damping)}"
 
     @property
     def stiffness(self) -> float:

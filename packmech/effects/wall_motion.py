@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from packmech.check import brief
+
 
 class HeldStress(NamedTuple):
     """A stress that a face of `Walls` holds along one axis: the face is a piston, which gives way until it is reached.
@@ -37,7 +39,7 @@ class HeldStress(NamedTuple):
 
     def fault(self) -> str:
         """Return what is wrong with the numbers; nothing is, where it is empty."""
-        return "" if self.inertia > 0.0 else f"inertia must be positive, got {self.inertia!r}"
+        return "" if self.inertia > 0.0 else f"inertia must be positive, got {brief(self.inertia)}"
 
 
 class WallMotion(NamedTuple):
@@ -62,7 +64,7 @@ class WallMotion(NamedTuple):
         for name, value in zip(self._fields, self, strict=True):
             number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
             if not (number or isinstance(value, HeldStress)):
-                return f"{name} must be a velocity or HeldStress(...), got {value!r}"
+                return f"{name} must be a velocity or HeldStress(...), got {brief(value)}"
         return ""
 
 

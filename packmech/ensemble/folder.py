@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import shutil
@@ -16,12 +17,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 import packmech
 from packmech.ensemble.members import Member, flattened, state_point_text
-from packmech.files.packings import replacing, write_packing
+from packmech.files.archive import SEAL, read_archive, write_archive
+from packmech.files.packings import write_packing
+from packmech.files.paths import replacing
 from packmech.packing import Packing
 
 STATE_POINT, RESULT, FAILURE = "signac_statepoint.json", "result.json", "failure.json"
@@ -239,7 +241,14 @@ def _read(path: Path) -> dict[str, Any] | None:
         found = json.loads(path.read_bytes())
     except (FileNotFoundError, ValueError):
         return None
-    return found if isinstance(found, dict) else None
+    whole = isinstance(found, dict) and found.get(SEAL, _seal(found)) == _seal(found)
+    return found if whole else None
+
+
+def _seal(table: Mapping[str, Any]) -> str:
+    """Return the hash of what a file of JSON holds, but for the seal itself."""
+    held = {name: value for name, value in table.items() if name != SEAL}
+    return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
 
 
 @contextmanager
@@ -271,8 +280,9 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Return the arrays that a member left in its folder, by name; none if it left none."""
     if not (path / ARRAYS).exists():
         return {}
-    with np.load(path / ARRAYS, allow_pickle=False) as archive:
-        return {name: archive[name] for name in archive.files}
+    arrays = read_archive(path / ARRAYS)
+    arrays.pop(SEAL, None)
+    return arrays
 
 
 def write_outcome(folder: Path, member: Member, outcome: MemberOutcome) -> None:
@@ -283,14 +293,14 @@ def write_outcome(folder: Path, member: Member, outcome: MemberOutcome) -> None:
             write_packing(packing, path / f"{name}.npz")
         if outcome.arrays:
             with replacing(path / ARRAYS) as partial, open(partial, "wb") as file:
-                np.savez(file, allow_pickle=False, **outcome.arrays)
+                write_archive(file, outcome.arrays)
         result = {
             "packmech": packmech.__version__,
             "random_seed": member.random_seed,
             "seconds": outcome.seconds,
             "values": outcome.values,
         }
-        _write(path / RESULT, json.dumps(result))
+        _write(path / RESULT, json.dumps(result | {SEAL: _seal(result)}))
         for name in (FAILURE, CHECKPOINT):
             (path / name).unlink(missing_ok=True)
 

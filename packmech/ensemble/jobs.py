@@ -24,7 +24,7 @@ from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_
 from packmech.ensemble.function_text import file_key, first_text_key, own_text_key, text_key
 from packmech.ensemble.members import Member
 from packmech.files.modules import load_modules
-from packmech.files.packings import PathLike
+from packmech.files.paths import PathLike
 from packmech.jit.source_key import function_key
 from packmech.packing import Packing
 from packmech.result import NotConverged, Run
@@ -97,12 +97,12 @@ def job_table(
         except FileNotFoundError:
             raise ValueError(
                 f"job must be a scene file that exists, a shipped scene ({', '.join(list_scenes())}) or a function "
-                f"such as file.py:name, got {name!r}"
+                f"such as file.py:name, got {brief(name)}"
             ) from None
     else:
         raise TypeError(f"job must be a scene file, a pm.Scene or a function, got {brief(job)}")
     if "drive" not in tables:
-        raise ValueError(f"job must be a scene with a drive, got {name!r} without")
+        raise ValueError(f"job must be a scene with a drive, got {brief(name)} without")
     # only packings in other files are looked for beside the scene's
     place = str(folder.absolute()) if "path" in tables.get("packing", {}) else ""
     return table | {"scene": tables, "name": Path(name).name, "folder": place}
@@ -138,7 +138,7 @@ def _named_function(job: Any) -> dict[str, str] | None:
         return None
     if where.endswith(".py"):
         if not Path(where).is_file():
-            raise ValueError(f"job must name a function in an existing file, got {job!r}")
+            raise ValueError(f"job must name a function in an existing file, got {brief(job)}")
         return {"module": Path(where).stem, "name": name, "root": str(Path(where).absolute().parent)}
     return {"module": where, "name": name, "root": ""}
 
@@ -243,6 +243,29 @@ def check_functions(table: Mapping[str, Any]) -> None:
     for argument, one in [("job", table.get("function")), *(("measures", one) for one in table["measures"] or ())]:
         if isinstance(one, Mapping):
             function_at(one, argument)
+
+
+def check_trusted(table: Mapping[str, Any], trust: bool) -> None:
+    """Refuse to run code that a folder names, and packmech does not have, before any of it is imported.
+
+    Raises
+    ------
+    ValueError
+        Naming the functions and the files, unless they are to be trusted.
+
+    """
+    functions = [one for one in (table.get("function"), *(table["measures"] or ())) if isinstance(one, Mapping)]
+    named = [
+        f"{one['name']} of {one['root'] or 'module'}{'/' if one['root'] else ' '}{one['module']}"
+        for one in functions
+        if str(one["module"]).partition(".")[0] != packmech.__name__
+    ]
+    named += [str(one) for one in table["load"]]
+    if named and not trust:
+        raise ValueError(
+            f"trust must be True (--trust) for a folder whose job runs code of others, got False and "
+            f"{', '.join(named)}: look at them first, or call run_ensemble with the function itself"
+        )
 
 
 def check_parameters(table: Mapping[str, Any], member: Member, given: Functions | None = None) -> None:
@@ -395,7 +418,7 @@ def _of_value(made: Any) -> MemberOutcome:
     for name, value in made.items():
         if not isinstance(name, str) or not name.isidentifier() or name in _TAKEN:
             raise ValueError(
-                f"job must name what it returns by words other than {', '.join(sorted(_TAKEN))}, got {name!r}"
+                f"job must name what it returns by words other than {', '.join(sorted(_TAKEN))}, got {brief(name)}"
             )
         if isinstance(value, np.generic):
             value = value.item()
@@ -410,7 +433,9 @@ def _of_value(made: Any) -> MemberOutcome:
         elif isinstance(value, np.ndarray | list | tuple):
             arrays[name] = np.asarray(value)
             if arrays[name].dtype == object:
-                raise TypeError(f"job must return arrays of numbers or texts, got {value!r} for {name}")
+                raise TypeError(f"job must return arrays of numbers or texts, got {brief(value)} for {name}")
         elif value is not None:
-            raise TypeError(f"job must return numbers, texts, arrays and packings by name, got {value!r} for {name}")
+            raise TypeError(
+                f"job must return numbers, texts, arrays and packings by name, got {brief(value)} for {name}"
+            )
     return MemberOutcome(values, arrays, packings)

@@ -13,12 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import brief, instance, integer
+from packmech.check import brief, check_memory, instance, integer
 from packmech.files.records import split_values, value_of_text
 
 Grid = Mapping[str, Any] | Sequence[Mapping[str, Any]]
 
 _NAME = re.compile(r"[A-Za-z_][\w-]*(\.[\w-]+)*")
+# what a member takes at least: its parameters, its name
+_MEMBER_BYTES = 500.0
 _PART = re.compile(r"(\d+)/(\d+)")
 
 
@@ -122,6 +124,7 @@ def members_of(grid: Grid) -> list[Member]:
         if not isinstance(table, Mapping) or not table:
             raise TypeError(f"grid must hold tables of values by name, got {brief(table)}")
         columns = [_listed(value) for value in table.values()]
+        check_memory("grid", math.prod(map(len, columns)) * _MEMBER_BYTES)
         for values in itertools.product(*columns):
             one = member_of(dict(zip(table, values, strict=True)))
             if one.id in found:
@@ -136,6 +139,8 @@ def _listed(value: Any) -> list[Any]:
     """Return the values that a parameter takes."""
     if isinstance(value, str) or not isinstance(value, Iterable) or isinstance(value, Mapping):
         return [value]
+    if isinstance(value, range):
+        check_memory("grid", (value.stop - value.start) / value.step * _MEMBER_BYTES)
     return list(value)
 
 
@@ -152,7 +157,7 @@ def _plain(name: str, value: Any) -> Any:
     if isinstance(value, list | tuple | np.ndarray):
         return [_plain(name, one) for one in value]
     if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError(f"grid[{name!r}] must be finite, got {value!r}")
+        raise ValueError(f"grid[{name!r}] must be finite, got {brief(value)}")
     if value is not None and not isinstance(value, bool | int | float | str):
         raise TypeError(
             f"grid[{name!r}] must be a number, a text, a truth value or a list of these, got {brief(value)}"
@@ -184,9 +189,14 @@ def values_in(text: str, name: str = "grid") -> list[Any]:
             first, end = map(int, parts)
             if end <= first:
                 raise ValueError("it must rise")
+            check_memory(name, (end - first) * _MEMBER_BYTES)
             return list(range(first, end))
         if len(parts) == 4 and parts[3] in ("log", "linear"):
-            low, high, count = float(parts[0]), float(parts[1]), integer("count", int(parts[2]), at_least=2)
+            low, high, count = (
+                float(parts[0]),
+                float(parts[1]),
+                integer("count", int(parts[2]), at_least=2, bytes_each=_MEMBER_BYTES),
+            )
             spaced = np.geomspace if parts[3] == "log" else np.linspace
             return [float(f"{one:.12g}") for one in spaced(low, high, count)]
         if len(parts) == 1 and text:
@@ -194,8 +204,8 @@ def values_in(text: str, name: str = "grid") -> list[Any]:
         raise ValueError("it is none of these")
     except ValueError as error:
         raise ValueError(
-            f"{name} must be FIRST:END, LOW:HIGH:COUNT:log, LOW:HIGH:COUNT:linear or values with commas, got {text!r} "
-            f"({error})"
+            f"{name} must be FIRST:END, LOW:HIGH:COUNT:log, LOW:HIGH:COUNT:linear or values with commas, "
+            f"got {brief(text)} ({error})"
         ) from error
 
 
@@ -213,5 +223,5 @@ def part_of(members: Sequence[Member], part: str | None) -> list[Member]:
     instance("part", part, str)
     found = _PART.fullmatch(part)
     if found is None or not 1 <= int(found[1]) <= int(found[2]):
-        raise ValueError(f"part must be K/N with K from 1 to N, got {part!r}")
+        raise ValueError(f"part must be K/N with K from 1 to N, got {brief(part)}")
     return list(members[int(found[1]) - 1 :: int(found[2])])

@@ -8,7 +8,7 @@ import tomli_w
 
 from packmech.check import integer, positive
 from packmech.ensemble.folder import RESULT, STATE_POINT
-from packmech.files.packings import replacing
+from packmech.files.paths import replacing
 
 FILE = "workflow.toml"
 
@@ -17,7 +17,7 @@ def write_row(folder: Path, *, group: int = 100, seconds: float = 60.0, options:
     """Write row's workflow.toml into the folder of an ensemble; return its path.
 
     ``row submit`` then hands the members that have no result yet to the cluster's scheduler, so many to a job; each job
-    runs ``packmech ensemble resume`` on its members.
+    runs ``packmech ensemble resume`` on its members, and trusts the code of the folder that it was written into.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def write_row(folder: Path, *, group: int = 100, seconds: float = 60.0, options:
     integer("group", group, at_least=1)
     positive("seconds", seconds)
     whole = max(1, round(seconds))
-    command = f"packmech ensemble resume --folder . --workers 1 {options}".strip()
+    command = f"packmech ensemble resume --folder . --workers 1 --trust {options}".strip()
     tables = {
         "workspace": {"value_file": STATE_POINT},
         "action": [

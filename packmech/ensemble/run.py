@@ -18,11 +18,19 @@ from typing import Any, NamedTuple
 from packmech.calls.status import Progress, Report, check_progress, shows
 from packmech.check import brief, clear_errors, function, instance, integer, listed, positive, warn
 from packmech.ensemble.folder import WORKSPACE, FolderError, find, listed_members, make_members, prepare, read_job
-from packmech.ensemble.jobs import Functions, check_functions, check_parameters, functions_of, job_table, run_member
+from packmech.ensemble.jobs import (
+    Functions,
+    check_functions,
+    check_parameters,
+    check_trusted,
+    functions_of,
+    job_table,
+    run_member,
+)
 from packmech.ensemble.members import Grid, Member, members_of, part_of
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, can_limit_memory, carry_out
-from packmech.files.packings import PathLike
+from packmech.files.paths import PathLike
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 
@@ -224,6 +232,7 @@ def resume_ensemble(
     group: int | None = None,
     part: str | None = None,
     retry: bool = False,
+    trust: bool = False,
     progress: Progress = None,
 ) -> Ensemble:
     """Run what is missing of the members that a folder has, with the job that it names; return the table.
@@ -234,13 +243,17 @@ def resume_ensemble(
         That of `run_ensemble`.
     members
         Names of the folders of those that are meant; None: all.
+    trust
+        Whether to run code that the folder names: a function, measures or files to load that are not packmech's own.
+        A folder of somebody else's may name any function that Python can import.
     executor, workers, time_limit, memory_limit, group, part, retry, progress
         As in `run_ensemble`.
 
     Raises
     ------
     FileNotFoundError, ValueError
-        If the folder is none of an ensemble, or has no such member; else as `run_ensemble`.
+        If the folder is none of an ensemble, has no such member, or names code that is not trusted; else as
+        `run_ensemble`.
 
     Examples
     --------
@@ -252,7 +265,7 @@ def resume_ensemble(
 
     """
     settings = member_settings(executor, workers, time_limit, memory_limit, group, retry, progress)
-    return _with_warning(complete_folder(folder, settings, members=members, part=part))
+    return _with_warning(complete_folder(folder, settings, members=members, part=part, trust=trust))
 
 
 def complete_folder(
@@ -261,10 +274,14 @@ def complete_folder(
     *,
     members: Sequence[str] | None = None,
     part: str | None = None,
+    trust: bool = False,
 ) -> Made:
     """Run what is missing of the members that a folder has; arguments as of `resume_ensemble`."""
     place = _folder(folder, settings.workers == 0)
-    check_functions(read_job(place))
+    instance("trust", trust, bool)
+    job = read_job(place)
+    check_trusted(job, trust)
+    check_functions(job)
     there = listed_members(place)
     if members is not None:
         known = {one.id: one for one in there}
@@ -334,7 +351,7 @@ def member_settings(
             raise TypeError(f"executor must be an executor, not its class, got {brief(executor)}")
         function("executor.submit", getattr(executor, "submit", None))
         if workers is not None:
-            raise ValueError(f"workers must be left out where an executor is given, got {workers!r}")
+            raise ValueError(f"workers must be left out where an executor is given, got {brief(workers)}")
     if memory_limit is not None and not can_limit_memory():
         raise ValueError("memory_limit must be left out on a system that does not say what a process takes")
     check_progress(progress)

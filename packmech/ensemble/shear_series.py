@@ -35,6 +35,8 @@ from packmech.scenes.scene_file import read_scene, write_scene
 # beside the members: scenes that their parameters name
 SCENES = "scenes"
 CONTROLS = ("prepared", "bulk", "uncrosslinked", "frictionless")
+# what a trial takes at least: its key, its scene's name, its signals
+_TRIAL_BYTES = 2000.0
 # called as (control, friction, repeat, amplitude)
 TrialProgress = Callable[[str, float | None, int, float], None]
 
@@ -256,7 +258,7 @@ def shear_series(
     """
     function("prepare", prepare)
     asked = sorted(check_amplitudes(amplitudes))
-    count = integer("repeats", repeats, at_least=1)
+    count = integer("repeats", repeats, at_least=1, bytes_each=_TRIAL_BYTES * len(asked))
     coefficients = _frictions(frictions)
     kinds = _controls(controls)
     source = integer("seed", seed, at_least=0)
@@ -393,16 +395,16 @@ def _frictions(frictions: Any) -> list[float | None]:
     if frictions is None:
         return [None]
     if isinstance(frictions, str) or not isinstance(frictions, Sequence | np.ndarray) or not len(frictions):
-        raise TypeError(f"frictions must be a list of coefficients or None, got {frictions!r}")
+        raise TypeError(f"frictions must be a list of coefficients or None, got {brief(frictions)}")
     found: list[float | None] = [real("frictions", one, at_least=0.0) for one in frictions]
     if len(set(found)) != len(found):
-        raise ValueError(f"frictions must name each coefficient once, got {frictions!r}")
+        raise ValueError(f"frictions must name each coefficient once, got {brief(frictions)}")
     return found
 
 
 def _controls(controls: Any) -> list[str]:
     if isinstance(controls, str) or not isinstance(controls, Sequence) or not len(controls):
-        raise TypeError(f"controls must be a list of names, got {controls!r}")
+        raise TypeError(f"controls must be a list of names, got {brief(controls)}")
     return list(dict.fromkeys(one_of("controls", one, CONTROLS) for one in controls))
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import in_words, shown
 from packmech.check import (
     bin_edges,
+    brief,
     clear_errors,
     finite_array,
     instance,
@@ -80,7 +81,7 @@ def bootstrap(
     """
     value = finite_array("value_r", value_r, shape=(None,), what="value", empty=True)
     of = STATISTICS[one_of("statistic", statistic, STATISTICS)]
-    integer("draws", draws, at_least=2)
+    integer("draws", draws, at_least=2, bytes_each=8.0)
     rng = np.random.default_rng(integer("seed", seed, at_least=0))
     least = 2 if statistic == "width" else 1
     if len(value) < least:
@@ -141,7 +142,7 @@ def values_of(ensemble: Ensemble, name: str) -> NDArray[np.float64]:
     """
     column = ensemble[name]
     if column.dtype.kind == "U":
-        raise ValueError(f"name must be that of numbers, got {name!r}, a text")
+        raise ValueError(f"name must be that of numbers, got {brief(name)}, a text")
     value: NDArray[np.float64] = column[ensemble["state"] == "done"].astype(np.float64)
     finite: NDArray[np.float64] = value[np.isfinite(value)]
     return finite
@@ -192,7 +193,7 @@ def group_statistics(
     for k, one in enumerate(names):
         one_of(f"by[{k}]", one, ensemble.parameters)
     one_of("statistic", statistic, STATISTICS)
-    integer("draws", draws, at_least=2)
+    integer("draws", draws, at_least=2, bytes_each=8.0)
     integer("seed", seed, at_least=0)
     keys = [tuple(row) for row in zip(*(ensemble[one].tolist() for one in names), strict=True)] if names else []
     keys = keys or [()] * len(ensemble)
@@ -309,7 +310,7 @@ def fit_power_law(
         return PowerLawFit(slope, slope_error, prefactor, prefactor * relative, 0.0, 0.0, chi)
     power = real("exponent", exponent)
     if power == 0.0:
-        raise ValueError(f"exponent must differ from zero, where the law is its limit alone, got {exponent!r}")
+        raise ValueError(f"exponent must differ from zero, where the law is its limit alone, got {brief(exponent)}")
     value = finite_array("value_g", value_g, shape=size.shape, what="group")
     slope, height, slope_error, height_error, chi = _missed(fit_line(size**power, value, error))
     return PowerLawFit(power, 0.0, slope, slope_error, height, height_error, chi)
@@ -351,7 +352,7 @@ def small_value_exponent(values: Sequence[NDArray[np.float64]], largest: float) 
     """
     end = positive("largest", largest)
     if isinstance(values, str) or not isinstance(values, Sequence):
-        raise TypeError(f"values must be a sequence of arrays, one for each packing, got {values!r:.60}")
+        raise TypeError(f"values must be a sequence of arrays, one for each packing, got {brief(values)}")
     parts = [finite_array(f"values[{k}]", one, shape=(None,), what="value", empty=True) for k, one in enumerate(values)]
     for k, one in enumerate(parts):
         if (one <= 0.0).any():

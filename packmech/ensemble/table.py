@@ -16,7 +16,8 @@ from packmech.calls.display import in_words, shown
 from packmech.check import brief, clear_errors, did_you_mean, integer
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
-from packmech.files.packings import PathLike, read_packing
+from packmech.files.packings import read_packing
+from packmech.files.paths import PathLike
 from packmech.observables import Column, Table
 from packmech.packing import Packing
 
@@ -64,7 +65,7 @@ class Ensemble:
     def __getitem__(self, name: str) -> Column:
         if name not in self.columns:
             near = did_you_mean(name, self.columns)
-            raise KeyError(f"name must be one of {', '.join(self.columns)}, got {name!r}{near}")
+            raise KeyError(f"name must be one of {', '.join(self.columns)}, got {brief(name)}{near}")
         return self.columns[name]
 
     def counts(self) -> dict[str, int]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import brief
 from packmech.files.formats import Given
 from packmech.files.snapshot import Snapshot
 from packmech.packing import MOST_KINDS, Packing
@@ -154,7 +155,7 @@ def numbers_of(name: str, words: Sequence[str], first_line: int, lines: Sequence
                 number(word)
             except ValueError:
                 line = first_line + k if lines is None else lines[k]
-                raise ValueError(f"line {line} must hold a number as {name}, got {word!r}") from None
+                raise ValueError(f"line {line} must hold a number as {name}, got {brief(word)}") from None
     return found
 
 

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import brief
 from packmech.files import columns
 from packmech.files.formats import KINDS, SPHEROIDS, STEP, Format, Given
 from packmech.files.orientations import ellipsoids_of, rotations_of, spheroids_of
@@ -110,7 +111,7 @@ class _Frames:
                     count = int(first)
                 except ValueError:
                     shown = first.decode("utf-8", errors="replace").strip()[:40]
-                    raise ValueError(f"line {line} must hold a number of particles, got {shown!r}") from None
+                    raise ValueError(f"line {line} must hold a number of particles, got {brief(shown)}") from None
                 if count < 1:
                     raise ValueError(f"line {line} must hold a number of particles above 0, got {count}")
                 self.start.append(place)
@@ -177,11 +178,11 @@ def _read(comment: str, body: Sequence[str], at: int, given: Given) -> tuple[Sna
 def _arrays(properties: str, body: Sequence[str], at: int) -> dict[str, NDArray[Any]]:
     parts = properties.split(":")
     if len(parts) % 3 or not all(part.isdecimal() and int(part) for part in parts[2::3]):
-        raise ValueError(f"line {at} must hold Properties=name:type:columns:..., got {properties!r}")
+        raise ValueError(f"line {at} must hold Properties=name:type:columns:..., got {brief(properties)}")
     kinds = list(zip(parts[::3], parts[1::3], map(int, parts[2::3]), strict=True))
     wrong = next((kind for _, kind, _ in kinds if kind not in "SRIL"), None)
     if wrong is not None:
-        raise ValueError(f"line {at} must hold properties of the types S, R, I or L, got {wrong!r}")
+        raise ValueError(f"line {at} must hold properties of the types S, R, I or L, got {brief(wrong)}")
     rows = columns.rows_of(body, sum(width for _, _, width in kinds), at + 1, properties)
     words = list(zip(*rows, strict=True))
     found: dict[str, NDArray[Any]] = {}

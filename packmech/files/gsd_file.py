@@ -46,7 +46,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.calls.honors import LINK_TOLERANCE
-from packmech.check import finite_array, positive, positive_array
+from packmech.check import brief, finite_array, positive, positive_array
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, STEP, Format, Given, numeric
 from packmech.files.npz import FIELD, LINK_GROUP, REQUIRED, arrays_beside, arrays_of, is_own, snapshot_in
 from packmech.files.orientations import ROUNDING, quaternions_to, rotations_of, spheroids_of
@@ -262,7 +262,8 @@ def _definitions(frame: Any) -> list[dict[str, Any]]:
         name, kind = particles.types[k], defined[k].get("type")
         if defined[k] and kind not in _KINDS:
             raise ValueError(
-                f"its particle types must be spheres, ellipsoids or unions of spheres, got {kind!r} for type {name!r}"
+                f"its particle types must be spheres, ellipsoids or unions of spheres, "
+                f"got {brief(kind)} for type {name!r}"
             )
         given = diameter[type_n == k]
         # the schema does not store diameters that are all 1

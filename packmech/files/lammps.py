@@ -43,6 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import brief
 from packmech.effects.bonds import Bonds
 from packmech.effects.laws import LinearSpring
 from packmech.files import columns
@@ -315,14 +316,14 @@ def _head(found: _Data, text: str, number: int) -> None:
         try:
             found.bounds[bound[2]] = [columns.number(word) for word in bound[1].split()]
         except ValueError:
-            raise ValueError(f"line {number} must hold numbers before {bound[2]}, got {text!r}") from None
+            raise ValueError(f"line {number} must hold numbers before {bound[2]}, got {brief(text)}") from None
         wanted = 2 if "lo" in bound[2] else 3
         if len(found.bounds[bound[2]]) != wanted:
-            raise ValueError(f"line {number} must hold {wanted} numbers before {bound[2]}, got {text!r}")
+            raise ValueError(f"line {number} must hold {wanted} numbers before {bound[2]}, got {brief(text)}")
     elif count:
         found.counts[count[2]] = int(count[1])
     elif text:
-        raise ValueError(f"line {number} must be of the head of a LAMMPS data file, got {text!r}")
+        raise ValueError(f"line {number} must be of the head of a LAMMPS data file, got {brief(text)}")
 
 
 def _data_lattice(bounds: dict[str, list[float]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -372,7 +373,7 @@ def _section(data: _Data, name: str, count: int | None) -> tuple[list[list[str]]
         raise ValueError(f"its section {name} must hold {count} lines, as its head says, got {len(rows)}")
     for (number, line), row in zip(lines, rows, strict=True):
         if len(row) != len(rows[0]):
-            raise ValueError(f"line {number} must hold {len(rows[0])} words as others of {name}, got {line!r}")
+            raise ValueError(f"line {number} must hold {len(rows[0])} words as others of {name}, got {brief(line)}")
     return rows, [number for number, _ in lines]
 
 
@@ -627,7 +628,7 @@ def _read_dump(lines: Sequence[str], first: int, given: Given) -> tuple[Snapshot
         if item.startswith("ITEM: ATOMS"):
             break
         if not item.startswith("ITEM:"):
-            raise ValueError(f"line {at} must be an item of a LAMMPS dump ('ITEM: ...'), got {item[:40]!r}")
+            raise ValueError(f"line {at} must be an item of a LAMMPS dump ('ITEM: ...'), got {brief(item[:40])}")
         size = 3 if item.startswith("ITEM: BOX BOUNDS") else 1
         body = lines[place + 1 : place + 1 + size]
         if len(body) < size:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from packmech.calls.status import shown_as
 from packmech.check import clear_errors, instance, positive
 from packmech.effects.mesh import flat_triangles
+from packmech.files.paths import existing_file
 
 
 class Mesh(NamedTuple):
@@ -56,13 +56,9 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0, drop_flat: bo
     2.0
 
     """
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be a file name, got {path!r}")
+    file = existing_file("path", path)
     positive("scale", scale)
     instance("drop_flat", drop_flat, bool)
-    file = Path(path)
-    if not file.is_file():
-        raise FileNotFoundError(f"path must name a file, got {str(file)!r}")
     try:
         trimesh: Any = importlib.import_module("trimesh")
     except ModuleNotFoundError as error:

@@ -14,13 +14,13 @@ kinds of particles, ``kind_n`` (N,) where there are several, version 9, and the 
 ``superellipsoid_`` version 10.
 Of a `Snapshot`, fields are arrays ``field_NAME``, forces of contacts
 ``contact_i_c`` and so on, springs ``bonds`` (a JSON table in bytes), and there is ``step``; none of them changes the
-packing, nor the version. Other arrays are left out, and listed in a warning.
+packing, nor the version. Other arrays are left out, and listed in a warning. ``sha256`` seals all arrays, as the head
+of ``packmech.files.archive`` says.
 """
 
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ import numpy as np
 from packmech.box import Box
 from packmech.effects.bonds import BondLimits, Bonds
 from packmech.effects.laws import registered_laws
+from packmech.files.archive import SEAL, read_archive, write_archive
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, LAW, STEP, SUPERELLIPSOIDS, Format, Given, One
 from packmech.files.records import OpenKinds, from_table, kinds_of, to_table
 from packmech.files.snapshot import ContactData, Snapshot
@@ -74,10 +75,7 @@ FIELD, CONTACT = "field_", "contact_"
 
 
 def _arrays(path: Path) -> dict[str, Any]:
-    if not zipfile.is_zipfile(path):  # numpy would take it for pickled objects
-        raise ValueError(f"{path.name} is not a .npz file")
-    with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-        arrays = {name: archive[name] for name in archive.files}
+    arrays: dict[str, Any] = read_archive(path)
     version = arrays.get("format_version", np.array(_FORMAT_VERSION))
     if version.shape != () or version > _FORMAT_VERSION:
         raise ValueError(f"format_version must be at most {_FORMAT_VERSION}, got {version}")
@@ -89,7 +87,7 @@ def _read(path: Path) -> tuple[Snapshot, list[str]]:
     missing = [name for name in REQUIRED if name not in arrays]
     if missing:
         raise ValueError(f"it must hold the arrays {', '.join(missing)}, got {', '.join(arrays) or 'none'}")
-    left_out = [name for name in arrays if not is_own(name) and name not in ("format_version", "law")]
+    left_out = [name for name in arrays if not is_own(name) and name not in ("format_version", "law", SEAL)]
     return snapshot_in(arrays), [f"arrays {', '.join(left_out)}"] if left_out else []
 
 
@@ -190,7 +188,7 @@ def write_npz(snapshot: Snapshot, path: Path, law: Any = None) -> None:
     if law is not None:
         arrays["law"] = np.array(json.dumps(to_table(law)))
     with open(path, "wb") as file:
-        np.savez(file, **arrays)
+        write_archive(file, arrays)
 
 
 def read_law(path: Path) -> Any:

@@ -26,11 +26,9 @@ files.
 from __future__ import annotations
 
 import functools
-import os
-import uuid
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, overload
@@ -47,12 +45,12 @@ from packmech.files.formats import LAW, Format, Frames, Given
 from packmech.files.gsd_file import GSD
 from packmech.files.lammps import DATA, DUMP
 from packmech.files.npz import NPZ
+from packmech.files.paths import PathLike, existing_file, file_name, replacing, writable_file
 from packmech.files.snapshot import Snapshot
 from packmech.files.table_text import CSV, PLAIN
 from packmech.files.vtk_file import VTK
 from packmech.packing import Packing
 
-PathLike = str | os.PathLike[str]
 T = TypeVar("T")
 # what libraries raise at broken files; numbers of bytes that are no such numbers ask for any memory
 _UNREADABLE = (
@@ -160,9 +158,7 @@ def read_trajectory(
     (4, 3, [0.1, 0.1])
 
     """
-    found = _named(path)
-    if not found.is_file():
-        raise FileNotFoundError(f"path must name an existing file, got {str(path)!r}")
+    found = existing_file("path", path)
     chosen, style = _format(found, format)
     given = _given(chosen, box, radius, style)
     frames = _in_file(found, lambda: chosen.frames(found, given))
@@ -298,10 +294,10 @@ def write_packing(
     target, chosen = _target(path, format)
     if law is not None:
         if not is_law(law):
-            raise TypeError(f"law must be a law such as Harmonic(...) or None, got {law!r}")
+            raise TypeError(f"law must be a law such as Harmonic(...) or None, got {brief(law)}")
         if LAW not in chosen.keeps and not drop:
             raise ValueError(
-                f"law must be None for {_shown_as(target, chosen)} files (only .npz keeps it), got {law!r}"
+                f"law must be None for {_shown_as(target, chosen)} files (only .npz keeps it), got {brief(law)}"
             )
     kept = kept_of(snapshot, chosen, f"{_shown_as(target, chosen)} files", drop)
     with replacing(target) as partial:
@@ -421,9 +417,7 @@ def read_law(path: PathLike) -> Any:
     Hertz(energy_scale=2.0)
 
     """
-    found = _named(path)
-    if not found.is_file():
-        raise FileNotFoundError(f"path must name an existing file, got {str(path)!r}")
+    found = existing_file("path", path)
     if _format(found, None)[0] is not NPZ:
         return None
     return _in_file(found, lambda: npz.read_law(found))
@@ -436,35 +430,15 @@ def is_packing_file(path: PathLike) -> bool:
 
 def target_file(path: PathLike, *, packing: bool = False) -> Path:
     """Return the file to be written, after checking its folder and, for a packing, its ending."""
-    target = _named(path)
     if packing:
-        _format(target, None)
-    if not target.parent.is_dir():
-        raise ValueError(f"path must lie in an existing folder, got {str(target)!r}")
-    return target
-
-
-@contextmanager
-def replacing(target: Path) -> Iterator[Path]:
-    """Give a file to write beside the target, of a name of its own, which replaces it in one step at the end."""
-    partial = target.with_name(f".{target.stem}.{uuid.uuid4().hex}{target.suffix}")
-    try:
-        yield partial
-        os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _named(path: PathLike) -> Path:
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be a file name, got {path!r}")
-    return Path(path)
+        _format(file_name("path", path), None)
+    return writable_file("path", path)
 
 
 def _target(path: PathLike, format: str | None) -> tuple[Path, Format]:
-    target = _named(path)
+    target = file_name("path", path)
     chosen, _ = _format(target, format)
-    return target_file(target), chosen
+    return writable_file("path", target), chosen
 
 
 def _format(path: Path, name: str | None) -> tuple[Format, str]:
@@ -480,7 +454,7 @@ def _format(path: Path, name: str | None) -> tuple[Format, str]:
         raise TypeError(f"format must be a name, got {brief(name)}")
     own, _, style = name.partition(":")
     if own not in FORMATS or (style and own != DATA.name):
-        raise ValueError(f"format must be one of {', '.join(map(repr, FORMATS))}, got {name!r}")
+        raise ValueError(f"format must be one of {', '.join(map(repr, FORMATS))}, got {brief(name)}")
     return FORMATS[own], style.strip()
 
 
@@ -508,15 +482,5 @@ def _in_file(path: Path, read: Callable[[], T]) -> T:
     """Return what `read` returns; its errors, of whatever library, become one ValueError that names the file."""
     try:
         return read()
-    except (
-        OSError,
-        EOFError,
-        RuntimeError,
-        MemoryError,
-        LookupError,
-        ArithmeticError,
-        TypeError,
-        ValueError,
-        zipfile.BadZipFile,
-    ) as error:
+    except (*_UNREADABLE, AttributeError, zlib.error) as error:
         raise ValueError(f"path must name a readable packing, got {str(path)!r}: {error}") from error

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import did_you_mean
+from packmech.check import brief, did_you_mean
 from packmech.jit.source_key import written_name
 
 Maker = Callable[..., Any]
@@ -147,7 +147,7 @@ def read_fields(
     if isinstance(table, str):
         table = {"kind": table}
     if not isinstance(table, dict):
-        raise TypeError(f"{where} must be a table with a kind, got {table!r}")
+        raise TypeError(f"{where} must be a table with a kind, got {brief(table)}")
     # where one kind alone may stand, it need not be named
     alone = list(kinds) if len(kinds) == 1 else _tables_by_kinds(table, kinds)
     kind = table.get("kind", *alone) if len(alone) == 1 else table.get("kind")
@@ -254,7 +254,7 @@ def _value(path: str, value: Any, hint: Any) -> Any:
         if option in (int, str, bool) and type(value) is option:
             return value
     words = " or ".join(_WORDS.get(option, "a list") for option in options)
-    raise TypeError(f"{path} must be {words}, got {value!r}")
+    raise TypeError(f"{path} must be {words}, got {brief(value)}")
 
 
 def value_of_text(text: str) -> Any:

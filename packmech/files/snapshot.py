@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import finite_array, instance, integer, integer_array, listed, table
+from packmech.check import brief, finite_array, instance, integer, integer_array, listed, table
 from packmech.effects.bonds import Bonds
 from packmech.packing import DISCRETE_SIZES, Packing
 
@@ -121,7 +121,7 @@ class Snapshot:
 
     def _field(self, name: str, value: Any) -> NDArray[Any]:
         if name in _TAKEN or not name.strip() or not name.isprintable():
-            raise ValueError(f"fields must have names, and of their own, got {name!r}")
+            raise ValueError(f"fields must have names, and of their own, got {brief(name)}")
         array, many, d = np.asarray(value), self.packing.particles, self.packing.dimension
         turning = 1 if d == 2 else 3
         own = {"velocity_nd": d, "force_nd": d, "spin_nk": turning, "torque_nk": turning}.get(name)

@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
+from packmech.check import brief
 from packmech.files import columns
 from packmech.files.formats import KINDS, SPHEROIDS, STEP, Format, Given, One
 from packmech.files.snapshot import Snapshot
@@ -103,7 +104,7 @@ class _Reader:
         try:
             values = [columns.number(word) for word in words]
         except ValueError:
-            raise ValueError(f"line {number} must hold numbers, got {line.strip()!r}") from None
+            raise ValueError(f"line {number} must hold numbers, got {brief(line.strip())}") from None
         if len(values) not in (2, 3):
             raise ValueError(f"line {number} must hold a lattice vector of 2 or 3 numbers, got {len(values)}")
         self.vectors.append(values)
@@ -130,7 +131,7 @@ class _Reader:
     def unnamed(self, words: list[str], line: str, number: int) -> None:
         """Check a line without a header above it."""
         if not all(_is_number(word) for word in words):
-            raise ValueError(f"line {number} must hold numbers, got {line.strip()!r}")
+            raise ValueError(f"line {number} must hold numbers, got {brief(line.strip())}")
         d = len(self.vectors) or (0 if self.given.box is None else self.given.box.dimension)
         has_radius = self.given.radius is None
         if len(words) != d + has_radius + self.has_masses:

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import clear_errors
-from packmech.files.packings import replacing, target_file
+from packmech.check import brief, clear_errors
+from packmech.files.paths import existing_file, replacing, writable_file
 from packmech.observables import Column, HasTable, Table
 
 ENDINGS = (".parquet", ".csv")
@@ -85,7 +85,7 @@ def write_table(subject: Any, path: str | os.PathLike[str]) -> None:
 
     """
     table = subject if isinstance(subject, Table) else table_of(subject)
-    target = target_file(path)
+    target = writable_file("path", path)
     ending = _ending(target)
     if ending == ".parquet":
         _arrow()
@@ -124,11 +124,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     ([27, 27, 27, 27, 27], 'time', 0.1)
 
     """
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be a file name, got {path!r}")
-    found = Path(path)
-    if not found.is_file():
-        raise FileNotFoundError(f"path must name an existing file, got {str(path)!r}")
+    found = existing_file("path", path)
     read = _read_parquet if _ending(found) == ".parquet" else _read_csv
     if read is _read_parquet:
         _arrow()
@@ -205,7 +201,7 @@ def _read_csv(path: Path) -> Table:
     with open(path, encoding="utf-8", newline="") as file:
         first = file.readline()
         if not first.startswith(_FIRST_LINE):
-            raise ValueError(f"its first line must start with {_FIRST_LINE!r}, got {first[:40]!r}")
+            raise ValueError(f"its first line must start with {_FIRST_LINE!r}, got {brief(first[:40])}")
         head = json.loads(first[len(_FIRST_LINE) :])
         names, *rows = csv.reader(file)
     columns: dict[str, Column] = {}

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.calls.status import shown_as
-from packmech.check import finite_array, integer, one_of, positive, positive_array, real
+from packmech.check import PARTICLE_BYTES, brief, finite_array, integer, one_of, positive, positive_array, real
 from packmech.contacts.crossing import crossing_links
 from packmech.contacts.fused_volume import lens, shared_volume
 from packmech.generate.placed import Placed, checked_overlap
@@ -682,8 +682,8 @@ def chain_packing(
     (57, 28, 0)
 
     """
-    count = integer("count", count, at_least=1)
-    beads = integer("beads", beads, at_least=2)
+    count = integer("count", count, at_least=1, bytes_each=PARTICLE_BYTES)
+    beads = integer("beads", beads, at_least=2, bytes_each=count * PARTICLE_BYTES)
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
     packing_fraction = start_fraction(packing_fraction)
     link_length = positive("link_length", link_length)
@@ -779,7 +779,7 @@ def _spread(packing: Packing, box: Box) -> Packing:
 def _form(form: Any, winding: Any, beads: int, dimension: int) -> tuple[tuple[int, ...], tuple[int, ...] | None]:
     """Return the bead that each bead follows, -1 for the first, and the image at which the chain closes."""
     if winding is not None and not (isinstance(form, str) and form == "wound"):
-        raise ValueError(f"winding must be left out unless form is 'wound', got {winding!r}")
+        raise ValueError(f"winding must be left out unless form is 'wound', got {brief(winding)}")
     if isinstance(form, str) or not hasattr(form, "__len__"):
         one_of("form", form, FORMS)
         row = tuple(range(-1, beads - 1))
@@ -792,7 +792,7 @@ def _form(form: Any, winding: Any, beads: int, dimension: int) -> tuple[tuple[in
         image = [1] + [0] * (dimension - 1) if winding is None else winding
         whole = finite_array("winding", image, shape=(dimension,), what="")
         if (whole != np.rint(whole)).any() or not whole.any():
-            raise ValueError(f"winding must be whole numbers, not all 0, got {image!r}")
+            raise ValueError(f"winding must be whole numbers, not all 0, got {brief(image)}")
         return row, tuple(int(z) for z in whole)
     if len(form) != beads - 1:
         raise ValueError(f"form must name a bead for each bead but the first ({beads - 1}), got {len(form)}")
@@ -808,7 +808,7 @@ def _angles(angles: Any, bend: float, beads: int, form: Any) -> tuple[bool, tupl
             raise ValueError(f"bend must be at least 1e-6 for angles that links can hold, got {bend:g}")
         return held, None
     if not (isinstance(form, str) and form == "open"):
-        raise ValueError(f"angles must be 'free' or 'fixed' unless form is 'open', got {angles!r}")
+        raise ValueError(f"angles must be 'free' or 'fixed' unless form is 'open', got {brief(angles)}")
     given = np.full(max(beads - 2, 1), positive("angles", angles)) if np.ndim(angles) == 0 else angles
     checked = positive_array("angles", given, shape=(None,), what="angle")
     if np.ndim(angles) and len(checked) != beads - 2:
@@ -825,7 +825,7 @@ def _radius_n(
 ) -> NDArray[np.float64]:
     if sizes is not None:
         if radii is not None:
-            raise ValueError(f"radii must be left out when sizes are given, got {radii!r}")
+            raise ValueError(f"radii must be left out when sizes are given, got {brief(radii)}")
         return np.asarray(rng.permutation(sizes_of(sizes, sizes).radii(count * beads, rng)))
     if radii is None or np.ndim(radii) == 0:
         return np.full(count * beads, 0.5 if radii is None else positive("radii", radii))

@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import finite_array, instance, integer, positive, positive_array, real
+from packmech.check import PARTICLE_BYTES, brief, finite_array, instance, integer, positive, positive_array, real
 
 Pair = tuple[int, int]
 
@@ -195,14 +195,16 @@ class Cluster:
                 raise ValueError(f"position_bd must be distinct, got beads {i} and {i + 1 + int(same[0])} in one place")
         if self.links is None:
             if self.shape_l is not None:
-                raise ValueError(f"shape_l must be left out without links, got {self.shape_l!r}")
+                raise ValueError(f"shape_l must be left out without links, got {brief(self.shape_l)}")
             pairs, holds = rigid_links(position, bonds_of(position, radius))
             links, shape = np.array(pairs), np.array(holds)
         else:
             links = _pairs(self.links, beads)
             shape = np.zeros(len(links), dtype=bool) if self.shape_l is None else np.array(self.shape_l)
             if shape.dtype != bool or shape.shape != (len(links),):
-                raise ValueError(f"shape_l must hold one truth value per link ({len(links)}), got {self.shape_l!r}")
+                raise ValueError(
+                    f"shape_l must hold one truth value per link ({len(links)}), got {brief(self.shape_l)}"
+                )
         for name, array in (("position_bd", position), ("radius_b", radius), ("links", links), ("shape_l", shape)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -362,7 +364,7 @@ class Trimer:
                 raise ValueError(f"angle must be one angle or two (low, high), got {len(self.angle)}")
             object.__setattr__(self, "angle", (_bond_angle(self.angle[0]), _bond_angle(self.angle[1])))
             if self.angle[0] >= self.angle[1]:
-                raise ValueError(f"angle must go from low to high, got {self.angle!r}")
+                raise ValueError(f"angle must go from low to high, got {brief(self.angle)}")
         else:
             _bond_angle(self.angle)
         _radii(self.radii, 3)
@@ -374,7 +376,7 @@ class Trimer:
     def cluster(self, dimension: int) -> Cluster:
         """Return the beads and links in two or three dimensions."""
         if isinstance(self.angle, tuple):
-            raise ValueError(f"angle must be one angle for one cluster (see drawn), got {self.angle!r}")
+            raise ValueError(f"angle must be one angle for one cluster (see drawn), got {brief(self.angle)}")
         turn = [self.length * math.cos(self.angle), self.length * math.sin(self.angle)]
         place = _in_space([[self.length, 0.0], [0.0, 0.0], turn], _dimension(dimension))
         open_angle = abs(self.angle - math.pi / 3) > 1e-9
@@ -411,7 +413,7 @@ class RingCluster:
     rigid: bool = True
 
     def __post_init__(self) -> None:
-        integer("beads", self.beads, at_least=3)
+        integer("beads", self.beads, at_least=3, bytes_each=PARTICLE_BYTES)
         positive("length", self.length)
         _radii(self.radii, self.beads)
         instance("rigid", self.rigid, bool)
@@ -462,8 +464,8 @@ class StarCluster:
     rigid: bool = True
 
     def __post_init__(self) -> None:
-        integer("arms", self.arms, at_least=3)
-        integer("arm_beads", self.arm_beads, at_least=1)
+        arms = integer("arms", self.arms, at_least=3, bytes_each=PARTICLE_BYTES)
+        integer("arm_beads", self.arm_beads, at_least=1, bytes_each=arms * PARTICLE_BYTES)
         positive("length", self.length)
         _radii(self.radii, 1 + self.arms * self.arm_beads)
         instance("rigid", self.rigid, bool)
@@ -508,7 +510,7 @@ class LinearCluster:
     radii: Radii = 0.5
 
     def __post_init__(self) -> None:
-        integer("beads", self.beads, at_least=2)
+        integer("beads", self.beads, at_least=2, bytes_each=PARTICLE_BYTES)
         positive("length", self.length)
         _radii(self.radii, self.beads)
 
@@ -522,7 +524,7 @@ class LinearCluster:
 def _bond_angle(angle: Any) -> float:
     checked = real("angle", angle, above=0.0, below=math.pi)
     if abs(math.pi - checked) < 1e-6 or checked < 1e-6:
-        raise ValueError(f"angle must be at least 1e-6 away from 0 and pi, got {angle!r}")
+        raise ValueError(f"angle must be at least 1e-6 away from 0 and pi, got {brief(angle)}")
     return checked
 
 

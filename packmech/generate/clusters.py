@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import Box
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import instance, integer, one_of, positive, real
+from packmech.check import PARTICLE_BYTES, brief, instance, integer, one_of, positive, real
 from packmech.contacts.fused_volume import shared_volume
 from packmech.generate.chains import CROSSING, Bond, BondGrid, minus
 from packmech.generate.cluster_shapes import Cluster, Shape, drawn_clusters
@@ -98,9 +98,9 @@ def cluster_packing(
     (150, 150, 0)
 
     """
-    count = integer("count", count, at_least=1)
+    count = integer("count", count, at_least=1, bytes_each=PARTICLE_BYTES)
     if not isinstance(shape, Shape) or isinstance(shape, type):
-        raise TypeError(f"shape must be a shape such as Dimer(...) or Cluster(...), got {shape!r}")
+        raise TypeError(f"shape must be a shape such as Dimer(...) or Cluster(...), got {brief(shape)}")
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
     packing_fraction = start_fraction(packing_fraction)
     sizes = sizes_of(sizes, Monodisperse())

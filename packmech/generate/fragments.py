@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import clear_errors, instance, integer, one_of, real
+from packmech.check import brief, clear_errors, instance, integer, one_of, real
 from packmech.generate.random import generator_of
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
@@ -120,12 +120,12 @@ def cut_fragments(
     """
     instance("packing", packing, Packing)
     if not all(hasattr(bonds, name) for name in ("i_b", "j_b", "image_bd", "select")):
-        raise TypeError(f"bonds must be Bonds, got {bonds!r}")
+        raise TypeError(f"bonds must be Bonds, got {brief(bonds)}")
     _fits(bonds, packing)
     if centers is not None:
         centers = integer("centers", centers, at_least=0)
         if lines is not None:
-            raise ValueError(f"lines must be left out where centers are given, got {lines!r}")
+            raise ValueError(f"lines must be left out where centers are given, got {brief(lines)}")
     if lines is not None:
         lines = integer("lines", lines, at_least=0)
     fuzziness = real("edge_fuzziness", edge_fuzziness, at_least=0.0)

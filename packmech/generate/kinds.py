@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import honors
-from packmech.check import finite_array, instance, one_of
+from packmech.check import brief, finite_array, instance, one_of
 from packmech.generate.random import apportion, generator_of
 from packmech.packing import DISCRETE_SIZES, MOST_KINDS, Packing, same_sizes
 
@@ -73,7 +73,7 @@ def assign_kinds(
         one_of("by", by, _BY)
         for name, value in {"shares": shares, "seed": seed, "rng": rng}.items():
             if value is not None:
-                raise ValueError(f"{name} must be left out with by={by!r}, got {value!r}")
+                raise ValueError(f"{name} must be left out with by={by!r}, got {brief(value)}")
         kind_n = _by_size(packing)
     return packing.replace(kind_n=kind_n)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.calls.honors import honors
-from packmech.check import clear_errors, instance, integer, one_of, positive, real
+from packmech.check import PARTICLE_BYTES, brief, check_memory, clear_errors, instance, integer, one_of, positive, real
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.packing import Packing, masses_of_density
 
@@ -252,7 +252,9 @@ def crystal_packing(
     elif repeats is None:
         cells_dd = _integer_matrix(supercell, dimension)
     else:
-        raise ValueError(f"repeats must be left out when supercell is given, got {repeats!r}")
+        raise ValueError(f"repeats must be left out when supercell is given, got {brief(repeats)}")
+    cells = abs(float(np.linalg.det(cells_dd.astype(np.float64))))
+    check_memory("repeats" if supercell is None else "supercell", cells * len(crystal.basis) * PARTICLE_BYTES)
     if conventional:
         cells_dd = np.array(crystal.conventional).T @ cells_dd
     vectors_dd = spacing * np.array(crystal.vectors, dtype=np.float64).T
@@ -277,7 +279,7 @@ def _repeats(repeats: int | Sequence[int] | None, dimension: int) -> list[int]:
 def _integer_matrix(supercell: ArrayLike, dimension: int) -> NDArray[np.int64]:
     matrix = np.asarray(supercell)
     if matrix.dtype.kind not in "iu":
-        raise TypeError(f"supercell must be an array of integers, got {matrix.tolist()!r}")
+        raise TypeError(f"supercell must be an array of integers, got {brief(matrix.tolist())}")
     if matrix.shape != (dimension, dimension):
         raise ValueError(f"supercell must have shape ({dimension}, {dimension}), got {matrix.shape}")
     matrix = matrix.astype(np.int64)
@@ -352,7 +354,9 @@ def reinforced_kagome_packing(
     (40, [7.0, 0.0])
 
     """
-    crystal = reinforced_kagome(integer("cells", cells, at_least=1))
+    # particles grow as the square of the cells
+    check_memory("cells", integer("cells", cells, at_least=1) ** 2 * PARTICLE_BYTES)
+    crystal = reinforced_kagome(cells)
     return crystal_packing(crystal, repeats, supercell, conventional, relative_overlap, diameter, density)
 
 
@@ -402,7 +406,7 @@ def tunneled_packing(
 
     """
     if isinstance(steps, str) or not isinstance(steps, (list, tuple, np.ndarray)):
-        raise TypeError(f"steps must be a sequence of integers, got {steps!r}")
+        raise TypeError(f"steps must be a sequence of integers, got {brief(steps)}")
     if not len(steps):
         raise ValueError("steps must hold at least 1 integer, got none")
     step_k = [integer(f"steps[{k}]", step, at_least=0, at_most=5) for k, step in enumerate(steps)]

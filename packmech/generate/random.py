@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import clear_errors, finite_array, instance, integer, positive, positive_array, real
+from packmech.check import (
+    PARTICLE_BYTES,
+    brief,
+    clear_errors,
+    finite_array,
+    instance,
+    integer,
+    positive,
+    positive_array,
+    real,
+)
 from packmech.generate.cluster_shapes import RandomShape, Shape, drawn_clusters
 from packmech.generate.rigid import beads_of, body_of
 from packmech.packing import Packing, masses_of_density
@@ -52,7 +62,7 @@ def sizes_of(sizes: SizeDistribution | ArrayLike | None, default: SizeDistributi
     if isinstance(sizes, list | tuple | np.ndarray) and not isinstance(sizes, SizeDistribution):
         return _Listed(positive_array("sizes", sizes, shape=(None,)))
     if not isinstance(sizes, SizeDistribution) or isinstance(sizes, type):
-        raise TypeError(f"sizes must be radii or have a method radii(particles, rng), got {sizes!r}")
+        raise TypeError(f"sizes must be radii or have a method radii(particles, rng), got {brief(sizes)}")
     return sizes
 
 
@@ -159,7 +169,9 @@ class Bidisperse:
             return real("fraction", self.fraction, above=0.0, below=1.0)
         parts = self.fraction.split(":")
         if len(parts) != 2 or not all(part.strip().isdigit() and int(part) > 0 for part in parts):
-            raise ValueError(f"fraction must be a number or like '50:50' or '2:1' (small:large), got {self.fraction!r}")
+            raise ValueError(
+                f"fraction must be a number or like '50:50' or '2:1' (small:large), got {brief(self.fraction)}"
+            )
         small, large = (int(part) for part in parts)
         return small / (small + large)
 
@@ -197,7 +209,7 @@ class Mixture:
         for name in ("ratios", "fractions"):
             values = getattr(self, name)
             if isinstance(values, str) or not hasattr(values, "__iter__"):
-                raise TypeError(f"{name} must be a sequence of numbers, got {values!r}")
+                raise TypeError(f"{name} must be a sequence of numbers, got {brief(values)}")
             checked = tuple(positive(f"{name}[{k}]", value) for k, value in enumerate(values))
             object.__setattr__(self, name, checked)
         if not self.ratios:
@@ -432,7 +444,7 @@ def random_packing(
     (256, 0.5)
 
     """
-    particles = integer("particles", particles, at_least=1)
+    particles = integer("particles", particles, at_least=1, bytes_each=PARTICLE_BYTES)
     dimension = integer("dimension", dimension, at_least=2, at_most=3)
     packing_fraction = start_fraction(packing_fraction)
     sizes = sizes_of(sizes, Bidisperse())
@@ -461,7 +473,7 @@ def _random_shapes(
         return shapes.turned(particles, dimension, rng)
     if not isinstance(shapes, Shape | RandomShape):
         raise TypeError(
-            f"shapes must be Ellipses, Superellipses or a shape of a cluster, such as Dimer(), got {shapes!r}"
+            f"shapes must be Ellipses, Superellipses or a shape of a cluster, such as Dimer(), got {brief(shapes)}"
         )
     clusters = drawn_clusters(shapes, particles, dimension, rng)
     found = {key: body_of(one.position_bd, one.radius_b) for key, one in {id(one): one for one in clusters}.items()}
@@ -473,8 +485,9 @@ def start_fraction(packing_fraction: Any) -> float:
     found = positive("packing_fraction", packing_fraction)
     if found > _LARGEST_FRACTION:
         raise ValueError(
-            f"packing_fraction must be at most {_LARGEST_FRACTION:g}, got {packing_fraction!r}: it is the particles' "
-            "volume over the box's, 0.9 for 90 %, and random packings jam near 0.84 in the plane and 0.64 in space"
+            f"packing_fraction must be at most {_LARGEST_FRACTION:g}, got {brief(packing_fraction)}: it is the "
+            "particles' volume over the box's, 0.9 for 90 %, and "
+            "random packings jam near 0.84 in the plane and 0.64 in space"
         )
     return found
 
@@ -553,9 +566,9 @@ def generator_of(seed: int | None, rng: np.random.Generator | None) -> np.random
             raise ValueError("seed must be an integer (or give rng, a numpy Generator), got None")
         return np.random.default_rng(integer("seed", seed, at_least=0))
     if seed is not None:
-        raise ValueError(f"seed must be left out when rng is given, got {seed!r}")
+        raise ValueError(f"seed must be left out when rng is given, got {brief(seed)}")
     if not isinstance(rng, np.random.Generator):
-        raise TypeError(f"rng must be a numpy Generator, got {rng!r}")
+        raise TypeError(f"rng must be a numpy Generator, got {brief(rng)}")
     return rng
 
 

@@ -450,7 +450,7 @@ def play_motion(
     instance("packing", packing, Packing)
     no_own_images("packing", packing)
     amplitude = positive("amplitude", amplitude)
-    steps = integer("steps", steps, at_least=1)
+    steps = integer("steps", steps, at_least=1, bytes_each=8.0 * packing.position_nd.size)
     one_of("strain", strain, ("free", "isochoric"))
     overlap_tolerance = positive("overlap_tolerance", overlap_tolerance)
     check_progress(progress)

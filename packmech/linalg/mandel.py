@@ -12,7 +12,7 @@ import functools
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import BoxStrain, clear_errors, finite_array, integer
+from packmech.check import BoxStrain, brief, clear_errors, finite_array, integer
 
 _AXIS = {"x": 0, "y": 1, "z": 2}
 _SHEARS = {2: ((0, 1),), 3: ((1, 2), (0, 2), (0, 1))}
@@ -144,7 +144,7 @@ def stiffness_component(stiffness_ee: NDArray[np.float64], indices: str) -> floa
     """
     axes = "xy" if len(stiffness_ee) == 3 else "xyz"
     if not isinstance(indices, str) or len(indices) != 4 or not set(indices) <= set(axes):
-        raise ValueError(f"indices must be four letters out of {axes}, got {indices!r}")
+        raise ValueError(f"indices must be four letters out of {axes}, got {brief(indices)}")
     a, b, c, d = (_AXIS[letter] for letter in indices)
     basis = mandel_basis(len(axes))
     return float(basis[:, a, b] @ stiffness_ee @ basis[:, c, d])

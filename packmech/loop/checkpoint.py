@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech
-from packmech.files.packings import replacing
+from packmech.files.paths import existing_file, file_name, replacing, writable_file
 from packmech.jit.source_key import source_key
 from packmech.scene import Scene
 
@@ -58,14 +58,10 @@ class IndexBounds(NamedTuple):
 
 def check_path(path: Any) -> Path:
     """Return the file to write checkpoints to, or say what is wrong with it."""
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"checkpoint must be a file name, got {path!r}")
-    target = Path(path)
+    target = file_name("checkpoint", path)
     if target.suffix != ENDING:
         raise ValueError(f"checkpoint must end in {ENDING}, got {str(path)!r}")
-    if not target.parent.is_dir():
-        raise ValueError(f"checkpoint must lie in an existing folder, got {str(path)!r}")
-    return target
+    return writable_file("checkpoint", target)
 
 
 def check_indices(arrays: Mapping[str, Any], bounds: Mapping[str, IndexBounds]) -> None:
@@ -176,11 +172,7 @@ def read_checkpoint(path: Any, kind: str, *, argument: str = "path") -> Checkpoi
         If it is no file name, no file, or no checkpoint of this kind and version, unchanged since it was written.
 
     """
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"{argument} must be a file name, got {path!r}")
-    found = Path(path)
-    if not found.is_file():
-        raise FileNotFoundError(f"{argument} must name an existing file, got {str(path)!r}")
+    found = existing_file(argument, path)
     try:
         head, arrays = _read(found.read_bytes())
     except _UNREADABLE as reason:

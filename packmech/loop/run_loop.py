@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from packmech.calls.status import Progress, Report, check_progress, is_watched, shows
-from packmech.check import instance, integer, positive
+from packmech.check import brief, instance, integer, positive
 from packmech.jit.compiled import compile_clock
 from packmech.jit.interrupts import held_interrupts, safe_interrupts
 from packmech.loop.checkpoint import check_path
@@ -97,7 +97,7 @@ def run_settings(
         integer("checkpoint_every", checkpoint_every, at_least=1)
         if checkpoint is None:
             raise ValueError(
-                f"checkpoint_every must be left out where no checkpoint is given, got {checkpoint_every!r}"
+                f"checkpoint_every must be left out where no checkpoint is given, got {brief(checkpoint_every)}"
             )
     return RunSettings(
         math.inf if time_limit is None else positive("time_limit", time_limit),

@@ -20,6 +20,8 @@ from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing, no_tangential
 from packmech.scene import Scene
 
+_BIN_BYTES = 64.0
+
 
 @shown()
 @dataclass(frozen=True, eq=False, repr=False)
@@ -107,7 +109,7 @@ def contact_statistics(
     """
     instance("packing", packing, Packing)
     no_tangential("packing", packing)
-    number = integer("bins", bins, at_least=1)
+    number = integer("bins", bins, at_least=1, bytes_each=_BIN_BYTES)
     one_of("rattlers", rattlers, ("remove", "keep"))
     contacts = touching_pairs(packing, gap_tolerance)
     loose = np.zeros(packing.particles, dtype=bool)
@@ -259,7 +261,7 @@ def force_distribution(scene: Scene, *, bins: int = 50, largest: float = 5.0) ->
     [1.0, 1.0]
 
     """
-    number, top = integer("bins", bins, at_least=1), positive("largest", largest)
+    number, top = integer("bins", bins, at_least=1, bytes_each=_BIN_BYTES), positive("largest", largest)
     size = np.sqrt((_pressed(scene).force_cd ** 2).sum(axis=1))
     mean = float(size.mean()) if len(size) else 0.0
     ratio = np.sort(size / mean) if mean > 0.0 else np.zeros(0)

@@ -43,7 +43,7 @@ def mean_with_error(
     """
     value = finite_array("value_r", value_r, shape=(None,), what="value")
     one_of("error", error, ERRORS)
-    count = integer("draws", draws, at_least=2)
+    count = integer("draws", draws, at_least=2, bytes_each=16.0 * len(value))
     rng = np.random.default_rng(integer("seed", seed, at_least=0))
     mean = float(value.mean())
     if len(value) == 1:

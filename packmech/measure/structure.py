@@ -32,6 +32,8 @@ _REACH = 3.0
 # as many pairs, and images of the cell, are searched at most: they stand in memory
 _MOST_PAIRS, _MOST_IMAGES = 1e8, 4e6
 
+_BIN_BYTES = 64.0
+
 
 @inlined
 def _bin_of(axes, row, lattice_dd, image_kd, i, j, k, width):
@@ -84,7 +86,7 @@ def _correlate(axes, row, sizes, frame, reach, value_nq, size_n, bins):
 
 def _searched(packing: Packing, r_max: Any, bins: Any) -> tuple[tuple[Any, ...], float, int]:
     """Return what the pair loops take, the largest distance and the number of bins, checked."""
-    number = integer("bins", bins, at_least=1)
+    number = integer("bins", bins, at_least=1, bytes_each=_BIN_BYTES)
     small, _ = packing.box.reduced()
     half = 0.5 * float(small.height_d.min())
     reach = min(_REACH, half) if r_max is None else positive("r_max", r_max)

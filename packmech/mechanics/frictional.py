@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, instance, integer, one_of
+from packmech.check import AT_LIMIT, STRAINS, BoxStrain, Kind, brief, instance, integer, one_of
 from packmech.constraints.jacobian import scale_of_strain
 from packmech.contacts.coulomb_limit import find_at_limit
 from packmech.contacts.elements import pair_rows
@@ -296,7 +296,7 @@ def stiffness_matrix(
     check_frictional(kind, contacts_at_limit)
     one_of("strain", strain, STRAINS)
     if strain not in ("none", "free"):
-        raise ValueError(f"strain must be 'none' or 'free' for pm.stiffness_matrix, got {strain!r}")
+        raise ValueError(f"strain must be 'none' or 'free' for pm.stiffness_matrix, got {brief(strain)}")
     check_strain_of_box(scene, strain)
     found = frictional_network(scene, "keep")
     system, _ = frictional_system(scene, found, kind, found.sliding(contacts_at_limit), contacts_at_limit)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import declare
-from packmech.check import finite_array, instance, integer, one_of, positive, real
+from packmech.check import PARTICLE_BYTES, brief, finite_array, instance, integer, one_of, positive, real
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
 from packmech.effects.kinds import kinds_in
@@ -160,7 +160,7 @@ class QuenchBatch:
         instance("scene", scene, Scene)
         _HONORS.check("scene", scene)
         self.scene = scene
-        self.batch = integer("batch", batch, at_least=1)
+        self.batch = integer("batch", batch, at_least=1, bytes_each=scene.packing.particles * PARTICLE_BYTES)
         if isinstance(relax, str):
             one_of("relax", relax, ("full",))
             self.relax: str | int = relax
@@ -177,7 +177,7 @@ class QuenchBatch:
         self.threads = integer("threads", threads, at_least=1)
         method = Fire() if method is None else method
         if not isinstance(method, Fire | Fire2 | DampedDynamics):
-            raise TypeError(f"method must be Fire(), Fire2() or DampedDynamics(), got {method!r}")
+            raise TypeError(f"method must be Fire(), Fire2() or DampedDynamics(), got {brief(method)}")
         self._programs: list[Program] = []
         program = build_program(scene)
         self._axes = program.axes
@@ -298,7 +298,7 @@ class QuenchBatch:
         else:
             active = np.asarray(active_b)
             if active.dtype != np.bool_ or active.shape != (self.batch,):
-                raise TypeError(f"active_b must be ({self.batch},) booleans, got {active_b!r:.60}")
+                raise TypeError(f"active_b must be ({self.batch},) booleans, got {brief(active_b)}")
             index = np.flatnonzero(active)
         self._advance(index, change, strain, relax=True)
 

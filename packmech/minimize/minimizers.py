@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import Any, TypeVar
 
+from packmech.check import brief
 from packmech.jit.compiled import own_name
 from packmech.minimize.first_order.conjugate_gradient import ConjugateGradient
 from packmech.minimize.first_order.damped import DampedDynamics
@@ -61,11 +62,13 @@ def minimizer(cls: M) -> M:
 
     """
     if not (isinstance(cls, type) and issubclass(cls, tuple) and hasattr(cls, "_fields")):
-        raise TypeError(f"minimizer must be a NamedTuple class, got {cls!r}")
+        raise TypeError(f"minimizer must be a NamedTuple class, got {brief(cls)}")
     for name, arguments in (("start", 2), ("advance", 5)):
         method = vars(cls).get(name)
         if not inspect.isfunction(method) or len(inspect.signature(method).parameters) != arguments:
-            raise TypeError(f"minimizer {cls.__name__} must define {name} with {arguments} parameters, got {method!r}")
+            raise TypeError(
+                f"minimizer {cls.__name__} must define {name} with {arguments} parameters, got {brief(method)}"
+            )
     own_name("minimizer", cls, _REGISTERED)
     _REGISTERED.append(cls)
     return cls
@@ -87,6 +90,6 @@ def check_minimizer(method: Any) -> None:
     """
     able = isinstance(method, Newton) or (hasattr(method, "start") and hasattr(method, "advance"))
     if isinstance(method, type) or not able:
-        raise TypeError(f"method must be a minimizer such as Fire() or LBFGS(), got {method!r}")
+        raise TypeError(f"method must be a minimizer such as Fire() or LBFGS(), got {brief(method)}")
     if hasattr(method, "check"):
         method.check()

@@ -385,7 +385,7 @@ def _draw_verdict(verdict: Verdict, ax: Any, *, packing: Any = None, scale: floa
         i_c, j_c = (np.flatnonzero(verdict.backbone)[end] for end in (i_c, j_c))
     if len(verdict.rattlers) != shown.particles:
         raise ValueError(
-            f"packing must be that of the verdict, of {len(verdict.rattlers)} particles, got {shown!r:.60}"
+            f"packing must be that of the verdict, of {len(verdict.rattlers)} particles, got {brief(shown)}"
         )
     apart = (inside.position_nd[i_c] + one.vector_cd - inside.position_nd[j_c]) @ shown.box.inverse_dd.T
     image_cd = np.rint(apart).astype(np.int64)
@@ -865,7 +865,7 @@ def _draw_trace(trace: Trace, ax: Any, *, of: str = "energy", log: bool = False,
     name = of.removesuffix("_t")
     if name not in columns or columns[name].ndim != 1:
         known = [one for one, column in columns.items() if column.ndim == 1]
-        raise ValueError(f"of must be one of {', '.join(known)}, got {of!r}{did_you_mean(name, known)}")
+        raise ValueError(f"of must be one of {', '.join(known)}, got {brief(of)}{did_you_mean(name, known)}")
     axis = "time" if "time" in columns else "step"
     ax.plot(columns[axis], columns[name], **_POINTS, **_curve(ax, label))
     _finish(ax)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from packmech.check import integer, positive, real
+from packmech.check import brief, integer, positive, real
 from packmech.files.records import is_record
 from packmech.measure.counting import packing_fraction
 from packmech.mechanics.stability import stability
@@ -134,7 +134,7 @@ class StepHalving(JamMethod):
         positive("energy_tolerance", self.energy_tolerance)
         integer("step_limit", self.step_limit, at_least=1)
         if self.minimizer is not None and not (is_record(self.minimizer) and hasattr(self.minimizer, "advance")):
-            raise TypeError(f"minimizer must be a minimizer such as Fire() or None, got {self.minimizer!r}")
+            raise TypeError(f"minimizer must be a minimizer such as Fire() or None, got {brief(self.minimizer)}")
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing whose energy lies in the window, and how the protocol ended."""

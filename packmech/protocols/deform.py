@@ -14,7 +14,7 @@ from scipy.linalg import expm, logm
 
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import instance, integer, positive, real
+from packmech.check import brief, instance, integer, positive, real
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
@@ -97,13 +97,13 @@ class Control(NamedTuple):
 def _components(name: str, given: Any, dimension: int) -> dict[tuple[int, int], float]:
     """Return numbers by components of a mapping such as {"xx": -0.1}."""
     if not isinstance(given, Mapping):
-        raise TypeError(f'{name} must be a mapping of components such as {{"yy": -0.01}}, got {given!r}')
+        raise TypeError(f'{name} must be a mapping of components such as {{"yy": -0.01}}, got {brief(given)}')
     axes = _AXES[:dimension]
     known = {a + b: (i, j) for i, a in enumerate(axes) for j, b in enumerate(axes) if i <= j}
     for key in given:
         if key not in known:
             turned = f"; it is {key[::-1]!r} here" if isinstance(key, str) and key[::-1] in known else ""
-            raise ValueError(f"{name} must name components among {', '.join(known)}, got {key!r}{turned}")
+            raise ValueError(f"{name} must name components among {', '.join(known)}, got {brief(key)}{turned}")
     return {known[key]: real(f"{name}[{key!r}]", value) for key, value in given.items()}
 
 
@@ -124,7 +124,9 @@ def _control(scene: Any, strain: Any, stress: Any) -> Control:
     both = sorted(set(found.strain) & set(found.stress))
     if both:
         i, j = both[0]
-        raise ValueError(f"stress must name no component whose strain is given, got {_AXES[i] + _AXES[j]!r} in both")
+        raise ValueError(
+            f"stress must name no component whose strain is given, got {brief(_AXES[i] + _AXES[j])} in both"
+        )
     if not found.stress and not any(found.strain.values()):
         raise ValueError("strain must name a component that is not 0 where no stress is held, got none")
     return found

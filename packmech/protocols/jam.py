@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from packmech.calls.honors import declare
 from packmech.calls.status import Progress
-from packmech.check import BoxStrain, clear_errors, instance, one_of, positive
+from packmech.check import BoxStrain, brief, clear_errors, instance, one_of, positive
 from packmech.effects import friction_of, rolling_spring_of, twisting_of
 from packmech.jit.blas import single_thread
 from packmech.loop.run_loop import RunLoop, run_settings
@@ -61,7 +61,7 @@ def _check_suits(method: JamMethod, scene: Scene, strain: BoxStrain) -> None:
         where, way = " for a scene with friction", f": leave friction out with scene.without({kinds})"
     elif held:
         where = ", for a packing with links or shapes"
-    raise ValueError(f"method must be {names}{where}, got {method!r}{way}")
+    raise ValueError(f"method must be {names}{where}, got {brief(method)}{way}")
 
 
 @clear_errors
@@ -170,13 +170,13 @@ def jam(
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     if energy_tolerance is not None:
         if method is not None:
-            raise ValueError(f"energy_tolerance must be left out when method is given, got {energy_tolerance!r}")
+            raise ValueError(f"energy_tolerance must be left out when method is given, got {brief(energy_tolerance)}")
         method = StepHalving(energy_tolerance=positive("energy_tolerance", energy_tolerance))
     if method is None:
         method = next((one for one in _DEFAULTS if one.suits(scene, strain)), _DEFAULTS[0])
     if not isinstance(method, JamMethod):
         *names, last = (one.__name__ for one in _SHIPPED)
-        raise TypeError(f"method must be {', '.join(names)} or {last}, got {method!r}")
+        raise TypeError(f"method must be {', '.join(names)} or {last}, got {brief(method)}")
     honored = dict.fromkeys((*_HONORED.columns, *method.honors.get(strain, "").split()))
     replace(_HONORED, columns=tuple(honored)).check("scene", scene)
     _check_suits(method, scene, strain)
@@ -184,7 +184,7 @@ def jam(
     name, goal = type(method).__name__, usual if pressure is None else positive("pressure", pressure)
     at_pressure = method.ends_at == "a pressure"
     if not at_pressure and pressure is not None:
-        raise ValueError(f"pressure must be left out for {name}, which ends at {method.ends_at}, got {pressure!r}")
+        raise ValueError(f"pressure must be left out for {name}, which ends at {method.ends_at}, got {brief(pressure)}")
     check_reachable(scene, "pressure", goal)
     began = time.process_time()
     protocol = Protocol(scene, strain, tolerance, loop)

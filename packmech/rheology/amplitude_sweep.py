@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import Report, check_progress
+from packmech.check import brief
 from packmech.measure.signals import softening_strain, yield_strain
 from packmech.result import NotConverged
 from packmech.rheology.arguments import Several, SeveralRuns, listed, listed_numbers, run_each, runs_file
@@ -71,7 +72,7 @@ def check_amplitudes(amplitudes: Any) -> list[float]:
     """
     found = listed_numbers("amplitudes", amplitudes, "strain amplitudes")
     if len(set(found)) != len(found):
-        raise ValueError(f"amplitudes must name each amplitude once, got {amplitudes!r}")
+        raise ValueError(f"amplitudes must name each amplitude once, got {brief(amplitudes)}")
     return found
 
 

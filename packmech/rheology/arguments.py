@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.status import Progress
-from packmech.check import call_fault, instance, integer, positive
+from packmech.check import brief, call_fault, instance, integer, positive
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.loop.checkpoint import RunsFile
@@ -23,6 +23,8 @@ from packmech.scene import Scene
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")
+# what a sample of a strained run takes at least: time, strain, stresses, counts
+SAMPLE_BYTES = 200.0
 R = TypeVar("R", bound=Run)
 
 
@@ -191,7 +193,7 @@ def listed_numbers(name: str, values: Any, what: str) -> list[float]:
 
     """
     if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) or not len(values):
-        raise TypeError(f"{name} must be a list of {what}, got {values!r}")
+        raise TypeError(f"{name} must be a list of {what}, got {brief(values)}")
     return [positive(name, one) for one in values]
 
 

@@ -11,7 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from packmech.calls.honors import honors
-from packmech.check import integer, positive, two_axes
+from packmech.check import brief, integer, positive, two_axes
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
 from packmech.effects import BackgroundDamping, Repulsion, bonds_of
 from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
@@ -164,7 +164,7 @@ def equilibrate(
     limit = integer("step_limit", step_limit, at_least=1)
     bonded = bonds_of(scene.effects) is not None
     if frictionless is not None and not isinstance(frictionless, bool):
-        raise TypeError(f"frictionless must be True, False or None, got {frictionless!r}")
+        raise TypeError(f"frictionless must be True, False or None, got {brief(frictionless)}")
     stages: list[Stage] = []
     packing, start = scene.packing.replace(tangential=None), Outcome.CONVERGED
     if frictionless or (frictionless is None and not bonded):

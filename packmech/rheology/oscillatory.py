@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
-from packmech.check import instance, integer, one_of, positive, real, two_axes
+from packmech.check import brief, instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import bonds_of, equal_partners, is_bound, law_second, pair_second
@@ -19,7 +19,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import Demodulation, demodulate
 from packmech.observables import columns_in
 from packmech.result import Condition, Outcome, Row, Run, particles_in_words
-from packmech.rheology.arguments import Common, StrainSettings, check_arguments, listed
+from packmech.rheology.arguments import SAMPLE_BYTES, Common, StrainSettings, check_arguments, listed
 from packmech.rheology.strain_run import StrainPlan, StrainRun, StrainTask
 from packmech.rheology.walls import WallModuli, wall_forces
 from packmech.scene import Scene
@@ -207,7 +207,7 @@ class OscillatoryShear(StrainRun):
 
         """
         if tensor not in self.stress:
-            raise ValueError(f"tensor must be one of {', '.join(map(repr, self.stress))}, got {tensor!r}")
+            raise ValueError(f"tensor must be one of {', '.join(map(repr, self.stress))}, got {brief(tensor)}")
         a, b = self.axes if axes is None else axes
         return self.demodulated_of(self.stress[tensor][:, a, b])
 
@@ -375,7 +375,9 @@ def oscillatory_shear(
         skip = 1.0 if count >= 2.0 else 0.0
     else:
         skip = real("skip_periods", skip_periods, at_least=0.0, below=count)
-    samples = integer("samples_per_period", samples_per_period, at_least=8)
+    samples = integer(
+        "samples_per_period", samples_per_period, at_least=8, bytes_each=SAMPLE_BYTES * (pre + count + post)
+    )
     every = math.ceil(1.0 / (rate * settings.longest * samples) * (1.0 - 1e-12))
     each = every * samples
     step = 1.0 / (rate * each)

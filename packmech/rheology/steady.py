@@ -21,6 +21,7 @@ from packmech.measure.counting import packing_fraction
 from packmech.measure.signals import block_drift, block_mean
 from packmech.result import Condition, NotConverged, Outcome, Row, Summary, particles_in_words
 from packmech.rheology.arguments import (
+    SAMPLE_BYTES,
     Common,
     Several,
     SeveralRuns,
@@ -108,7 +109,7 @@ def ramp_strain(
         raise ValueError("rate must not be zero, got 0.0")
     if one_of("mode", mode, MODES) != "shear" and speed < 0.0 and end >= 1.0:
         raise ValueError(f"applied_strain must be below 1 where the box is compressed, got {end:g}")
-    count = integer("samples", samples, at_least=1)
+    count = integer("samples", samples, at_least=1, bytes_each=SAMPLE_BYTES)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension, different=mode == "shear")
     return _ramp(settings, speed, end, mode, pair, count)
 
@@ -330,7 +331,7 @@ def steady_shear(
     end = positive("applied_strain", applied_strain)
     skip = real("skip_strain", skip_strain, at_least=0.0, below=end)
     parts = integer("blocks", blocks, at_least=2)
-    count = integer("samples", samples, at_least=1)
+    count = integer("samples", samples, at_least=1, bytes_each=SAMPLE_BYTES)
     if count * (1.0 - skip / end) < 2 * parts:
         raise ValueError(f"samples must be at least 2 in each of the blocks that count, got {count}")
     tolerance = positive("drift_tolerance", drift_tolerance)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
-from packmech.check import instance, integer, positive
+from packmech.check import brief, instance, integer, positive
 from packmech.dynamics.deformation import gamma_at
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import PairForces, pair_forces
@@ -61,7 +61,7 @@ def rough_plates(packing: Packing, *, layer: str | float = "crossing", axis: int
     if layer == "crossing":
         reach = packing.radius_n
     elif isinstance(layer, str):
-        raise ValueError(f"layer must be 'crossing' or a thickness, got {layer!r}")
+        raise ValueError(f"layer must be 'crossing' or a thickness, got {brief(layer)}")
     else:
         reach = np.full(packing.particles, positive("layer", layer))
     height = packing.box.height_across(axis)
@@ -70,11 +70,11 @@ def rough_plates(packing: Packing, *, layer: str | float = "crossing", axis: int
     at = np.mod(packing.position_nd[:, axis], height)
     low, high = at < reach, at > height - reach
     if (low & high).any():
-        raise ValueError(f"layer must leave room between the plates, got {layer!r} in a height of {height:g}")
+        raise ValueError(f"layer must leave room between the plates, got {brief(layer)} in a height of {height:g}")
     if not low.any() or not high.any() or (low | high).all():
         count = int(np.count_nonzero(low)), int(np.count_nonzero(high))
         raise ValueError(
-            f"layer must hold particles at both ends and leave some free, got {layer!r} that holds {count[0]} and "
+            f"layer must hold particles at both ends and leave some free, got {brief(layer)} that holds {count[0]} and "
             f"{count[1]} of {packing.particles}"
         )
     return np.asarray(low | high)

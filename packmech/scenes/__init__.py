@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from packmech.calls.status import Progress, check_progress
-from packmech.check import clear_errors, instance, integer
+from packmech.check import brief, clear_errors, instance, integer
 from packmech.scene import Scene, drive_code
 
 
@@ -58,7 +58,7 @@ def run(
     integer("frames", frames, at_least=0)
     check_progress(progress)
     if checkpoint is not None and not takes_checkpoint(scene):
-        raise ValueError(f"checkpoint must be left out for a drive that keeps none, got {checkpoint!r}")
+        raise ValueError(f"checkpoint must be left out for a drive that keeps none, got {brief(checkpoint)}")
     wanted = {
         "frames": frames,
         "progress": progress,

@@ -25,7 +25,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from packmech.check import did_you_mean
+from packmech.check import brief, did_you_mean
 from packmech.effects.materials import MIXED, Material, Materials
 from packmech.files.records import Errors, from_table, kind_of, kinds_of, make, read_fields
 
@@ -143,10 +143,10 @@ def _names(tables: Sequence[Mapping[str, Any]]) -> list[str | None]:
     for k, table in enumerate(tables):
         name = table.get("name") if isinstance(table, dict) else None
         if name is not None and not isinstance(name, str):
-            raise TypeError(f"material[{k}].name must be a string, got {name!r}")
+            raise TypeError(f"material[{k}].name must be a string, got {brief(name)}")
         if name is not None and name in names:
             raise ValueError(
-                f"material[{k}].name must be that of no other material, got {name!r} as of {names.index(name)}"
+                f"material[{k}].name must be that of no other material, got {brief(name)} as of {names.index(name)}"
             )
         names.append(name)
     return names
@@ -157,7 +157,7 @@ def _mixing(given: Any) -> dict[str, str]:
     if isinstance(given, str):
         given = dict.fromkeys(MIXED, given)
     if not isinstance(given, dict) or "kind" in given:
-        raise TypeError(f"mixing must be a table of means of {' and '.join(MIXED)}, without a kind, got {given!r}")
+        raise TypeError(f"mixing must be a table of means of {' and '.join(MIXED)}, without a kind, got {brief(given)}")
     _, values = read_fields(given, "mixing", {kind_of(mixing): mixing})
     made = mixing(**values)
     # materials name what is wrong with a mean
@@ -170,7 +170,7 @@ def _exceptions(
 ) -> dict[tuple[int, int], dict[str, float]]:
     """Return what pairs of materials have instead of what follows from both, by the numbers of these."""
     if not isinstance(tables, list):
-        raise TypeError(f"exception must be a list of tables ([[exception]]), got {tables!r}")
+        raise TypeError(f"exception must be a list of tables ([[exception]]), got {brief(tables)}")
     errors = Errors()
     found: dict[tuple[int, int], dict[str, float]] = {}
     for k, table in enumerate(tables):
@@ -204,4 +204,6 @@ def _number(named: str | int, where: str, names: Sequence[str | None]) -> int:
     known = [name for name in names if name is not None]
     near = did_you_mean(named, known) if isinstance(named, str) else ""
     listed = f", or by name ({', '.join(map(repr, known))})" if known else ", as none of them has a name"
-    raise ValueError(f"{where} must name materials by number, from 0 to {len(names) - 1}{listed}, got {named!r}{near}")
+    raise ValueError(
+        f"{where} must name materials by number, from 0 to {len(names) - 1}{listed}, got {brief(named)}{near}"
+    )

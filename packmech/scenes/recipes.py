@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import function, one_of
+from packmech.check import brief, function, one_of
 from packmech.effects import (
     BY_KIND,
     ROUGHNESS,
@@ -116,7 +116,7 @@ def packing_kind(recipe: P) -> P:
     function("recipe", recipe)
     kind = kind_of(recipe)
     if kind in PACKINGS and PACKINGS[kind].__module__ == __name__ != recipe.__module__:
-        raise ValueError(f"recipe must have a name that none of packmech's kinds of packings has, got {kind!r}")
+        raise ValueError(f"recipe must have a name that none of packmech's kinds of packings has, got {brief(kind)}")
     PACKINGS[kind] = recipe
     return recipe
 
@@ -210,7 +210,7 @@ def _prepared(
     diameter is 1.
     """
     if side is not None and lattice_vectors is not None:
-        raise ValueError(f"side must be left out where lattice_vectors are given, got {side!r}")
+        raise ValueError(f"side must be left out where lattice_vectors are given, got {brief(side)}")
     drawing: dict[str, Any] = {"packing_fraction": packing_fraction, "sizes": sizes, "seed": seed}
     drawing |= {"density": density, "shapes": shapes}
     if side is not None:
@@ -243,7 +243,7 @@ def _file(
     if density is None:
         return packing
     if packing.given_mass_n is not None:
-        raise ValueError(f"density must be left out where the file has masses, got {density!r}")
+        raise ValueError(f"density must be left out where the file has masses, got {brief(density)}")
     return packing.replace(mass_n=masses_of_density(density, packing.radius_n, packing.dimension))
 
 
@@ -276,7 +276,7 @@ def _inline(
     """
     box = Box(_columns(lattice_vectors))
     if masses is not None and density is not None:
-        raise ValueError(f"density must be left out where masses are given, got {density!r}")
+        raise ValueError(f"density must be left out where masses are given, got {brief(density)}")
     links = None
     if link_pairs is None:
         _left_out({"link_images": link_images, "link_lengths": link_lengths, "link_shapes": link_shapes}, "link_pairs")
@@ -298,7 +298,7 @@ def _inline(
         others |= {name: value for name, value in bodies.items() if name != "orientations"}
         given = next((name for name, value in others.items() if value is not None), None)
         if given is not None:
-            raise ValueError(f"{given} must be left out where exponents are given, got {others[given]!r:.40}")
+            raise ValueError(f"{given} must be left out where exponents are given, got {brief(others[given])}")
         if axis_ratios is None or orientations is None:
             lacking = "axis_ratios" if axis_ratios is None else "orientations"
             raise ValueError(f"{lacking} must be given with exponents, got nothing")
@@ -510,7 +510,7 @@ def _given(fields: dict[str, Any]) -> dict[str, Any]:
 
 def _left_out(fields: dict[str, Any], what: str, *, given: bool = False) -> None:
     for name, value in _given(fields).items():
-        raise ValueError(f"{name} must be left out {'with' if given else 'without'} {what}, got {value!r}")
+        raise ValueError(f"{name} must be left out {'with' if given else 'without'} {what}, got {brief(value)}")
 
 
 def _pairs(prefix: str, pairs: Any, images: Any, dimension: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -80,11 +80,11 @@ from typing import Any
 
 import tomli_w
 
-from packmech.check import clear_errors, did_you_mean, instance, integer, one_of
+from packmech.check import brief, clear_errors, did_you_mean, instance, integer, one_of
 from packmech.check import table as check_table
 from packmech.effects import Bonds, Walls, law_of
 from packmech.effects.materials import Material, Materials
-from packmech.files.packings import PathLike, replacing, target_file
+from packmech.files.paths import PathLike, existing_file, file_name, replacing, writable_file
 from packmech.files.records import (
     Errors,
     OpenKinds,
@@ -194,22 +194,18 @@ def read_scene_tables(path: PathLike) -> tuple[dict[str, Any], Path]:
         As `read_scene`.
 
     """
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be a file name or the name of a shipped scene, got {path!r}")
-    name = os.fspath(path)
+    name = str(file_name("path", path, "a file name or the name of a shipped scene"))
     if isinstance(path, str) and not Path(name).suffix and Path(name).name == name:
         entry = _shipped() / f"{name}.toml"
         if not entry.is_file():
             shipped = list_scenes()
             raise FileNotFoundError(
-                f"path must name a file or a shipped scene ({', '.join(shipped)}), got {name!r}"
+                f"path must name a file or a shipped scene ({', '.join(shipped)}), got {brief(name)}"
                 f"{did_you_mean(name, shipped)}"
             )
         data, folder = entry.read_bytes(), Path(".")
     else:
-        if not Path(name).is_file():
-            raise FileNotFoundError(f"path must name an existing file, got {name!r}")
-        data, folder = Path(name).read_bytes(), Path(name).parent
+        data, folder = existing_file("path", name).read_bytes(), Path(name).parent
     with _named(name):
         text = data.decode("utf-8")
         try:
@@ -303,7 +299,7 @@ def _change(tables: dict[str, Any], path: str, value: Any) -> None:
             place[entry] = {"kind": place[entry]}
         place = place[entry]
         if not isinstance(place, dict | list):
-            raise ValueError(f"{path} must lie in a table, got {place!r} at {'.'.join(before[: k + 1])}")
+            raise ValueError(f"{path} must lie in a table, got {brief(place)} at {'.'.join(before[: k + 1])}")
     entry = _entry(place, last)
     if isinstance(place, list) and entry is None:
         raise ValueError(f"{path} must be a field of the scene, got no {last!r} there")
@@ -396,7 +392,9 @@ def _scene(tables: dict[str, Any], folder: Path) -> Scene:
         if "kinds" in tables:
             maker, table = kinds_of_particles, tables["kinds"]
             if not isinstance(table, dict) or "kind" in table:
-                raise TypeError(f"kinds must be a table of shares and a seed, or of by, without a kind, got {table!r}")
+                raise TypeError(
+                    f"kinds must be a table of shares and a seed, or of by, without a kind, got {brief(table)}"
+                )
             assigned = read_fields(table, "kinds", {kind_of(maker): maker}, given=("packing",))[1]
     errors.check()
     known = inspect.signature(recipe).parameters
@@ -495,7 +493,7 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
             f'{scene.packing.tangential.springs}: write it with pm.write_packing and name the file (kind = "file"), or '
             "leave them out with packing.replace(tangential=None)"
         )
-    target = target_file(path)
+    target = writable_file("path", path)
     tables: dict[str, Any] = {"description": description} if description else {}
     tables["packing"] = inline_table(scene.packing)
     tables["effects"] = [bonds_table(one) if isinstance(one, Bonds) else to_table(one) for one in scene.effects]

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.calls.display import shown
-from packmech.check import clear_errors, function, integer, positive
+from packmech.check import brief, clear_errors, function, integer, positive
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
@@ -60,7 +60,7 @@ class WorkPrecision:
         if method is None and len(self.first_seconds) == 1:
             method = self.methods[0]
         if method not in self.first_seconds:
-            raise ValueError(f"method must be one of {list(self.methods)}, got {method!r}")
+            raise ValueError(f"method must be one of {list(self.methods)}, got {brief(method)}")
         return tuple(sorted((t for t in self.trials if t.method == method), key=lambda trial: -trial.setting))
 
     def fit(self, method: str | None = None, *, quantity: str | None = None) -> OrderFit:
@@ -158,7 +158,7 @@ class WorkPrecision:
         if quantity is None:
             return names[0] if names else "error"
         if quantity not in names:
-            raise ValueError(f"quantity must be one of {list(names)}, got {quantity!r}")
+            raise ValueError(f"quantity must be one of {list(names)}, got {brief(quantity)}")
         return quantity
 
 
@@ -376,12 +376,12 @@ def _check_methods(solvers: Mapping[str, Solver]) -> None:
         raise ValueError("problem must have at least one method, got none")
     for method, solver in solvers.items():
         if not callable(solver):
-            raise TypeError(f"problem must be a function of the setting, got {solver!r} for method {method!r}")
+            raise TypeError(f"problem must be a function of the setting, got {brief(solver)} for method {method!r}")
 
 
 def _checked_settings(settings: Sequence[float]) -> tuple[float, ...]:
     if isinstance(settings, str) or not isinstance(settings, Iterable):
-        raise TypeError(f"settings must be a sequence of positive numbers, got {settings!r}")
+        raise TypeError(f"settings must be a sequence of positive numbers, got {brief(settings)}")
     setting_t = tuple(positive(f"settings[{k}]", setting) for k, setting in enumerate(settings))
     if not setting_t:
         raise ValueError("settings must have at least one value, got none")

@@ -14,6 +14,7 @@ import numpy as np
 
 from packmech.calls.status import shown_as
 from packmech.check import instance, integer, one_of
+from packmech.files.paths import file_name
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
@@ -143,12 +144,10 @@ def write_pictures(
     instance("scene", scene, Scene)
     frames = integer("frames", frames, at_least=2)
     one_of("format", format, FORMATS)
-    if not isinstance(folder, str | os.PathLike):
-        raise TypeError(f"folder must be a folder's name, got {folder!r}")
+    target = file_name("folder", folder, "a folder's name")
     if run.packing.particles != scene.packing.particles:
         raise ValueError(f"scene must have the run's {run.packing.particles} particles, got {scene.packing.particles}")
     trajectory = trajectory_of_run(run, scene, frames)
-    target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
     picture = _RunPicture(trajectory)
     return tuple(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import ANY_LENGTH, honors
-from packmech.check import finite_array, instance, integer
+from packmech.check import brief, finite_array, instance, integer
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import acts, bonds_of
@@ -92,7 +92,7 @@ def draw_frame(
     size = _size(size)
     effects = Scene(packing, effects).effects
     if not isinstance(beads, int | float) or isinstance(beads, bool) or not 0.0 < beads <= 1.0:
-        raise ValueError(f"beads must lie above 0 and be at most 1, got {beads!r}")
+        raise ValueError(f"beads must lie above 0 and be at most 1, got {brief(beads)}")
     drawn = drawn_contacts(packing, effects, contacts, force_c, sliding_c)
     rattler = np.zeros(packing.particles, dtype=bool)
     if rattler_n is not None:
@@ -102,7 +102,7 @@ def draw_frame(
 
 def _size(size: Any) -> tuple[int, int]:
     if not isinstance(size, tuple | list) or len(size) != 2:
-        raise TypeError(f"size must be the width and the height in pixels, got {size!r}")
+        raise TypeError(f"size must be the width and the height in pixels, got {brief(size)}")
     width, height = (integer(f"size[{k}]", side, at_least=1, at_most=LARGEST) for k, side in enumerate(size))
     return width, height
 

@@ -14,10 +14,11 @@ import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import instance, integer, real, table
+from packmech.check import brief, instance, integer, real, table
 from packmech.contacts import Contacts
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import Touching, touching_of
+from packmech.files.paths import writable_file
 from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.shapes import same_but_turned
@@ -88,16 +89,15 @@ class Recording:
         parameters: Mapping[str, Any] | None = None,
         loop: tuple[str, str] | None = None,
     ) -> None:
-        if not isinstance(path, str | os.PathLike):
-            raise TypeError(f"path must be a file name, got {path!r}")
+        file = writable_file("path", path)
         instance("scene", scene, Scene)
         if parameters is not None:
             table("parameters", parameters)
         if loop is not None and not (
             isinstance(loop, tuple) and len(loop) == 2 and all(isinstance(name, str) for name in loop)
         ):
-            raise TypeError(f"loop must be the names of two figures, got {loop!r}")
-        self._writer = _Writer(Path(path).absolute(), scene, dict(parameters or {}), loop)
+            raise TypeError(f"loop must be the names of two figures, got {brief(loop)}")
+        self._writer = _Writer(file.absolute(), scene, dict(parameters or {}), loop)
         # closes the file when this is forgotten, or Python ends, before Rerun's own end
         self._finish = weakref.finalize(self, self._writer.finish)
         atexit.register(self._finish)
@@ -188,7 +188,7 @@ def _numbers(figures: Mapping[str, float] | None) -> dict[str, float]:
     found = {}
     for name, value in figures.items():
         if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
-            raise TypeError(f"figures[{name!r}] must be a number, got {value!r:.60}")
+            raise TypeError(f"figures[{name!r}] must be a number, got {brief(value)}")
         if np.isfinite(value):
             found[name] = float(value)
     return found
@@ -234,7 +234,7 @@ class _Writer:
     def checked(self, packing: Any) -> Packing:
         """Return the packing, or say why it is none of the scene's particles."""
         if not isinstance(packing, Packing):
-            raise TypeError(f"packing must be a Packing, got {packing!r:.60}")
+            raise TypeError(f"packing must be a Packing, got {brief(packing)}")
         mine = self.scene.packing
         if packing.particles != mine.particles or packing.dimension != mine.dimension:
             raise ValueError(
@@ -246,7 +246,7 @@ class _Writer:
         if bool(packing.links) != bool(mine.links):
             raise ValueError(f"packing must have links as the scene has, got {len(packing.links)}")
         if not same_but_turned(packing.shapes, mine.shapes):
-            raise ValueError(f"packing must have shapes as the scene has, got {packing.shapes!r:.40}")
+            raise ValueError(f"packing must have shapes as the scene has, got {brief(packing.shapes)}")
         return packing
 
     def take(self, frame: PackingFrame, figures: Mapping[str, float]) -> None:
@@ -425,12 +425,12 @@ class LiveRecording:
 def check_live_target(target: Any) -> str:
     """Return where a live recording goes, or say what is wrong with it."""
     if not isinstance(target, str | os.PathLike):
-        raise TypeError(f"live must be 'viewer', an address or a file name, got {target!r}")
+        raise TypeError(f"live must be 'viewer', an address or a file name, got {brief(target)}")
     where = str(target)
     if where == "viewer" or "://" in where:
         return where
     if Path(where).suffix != ".rrd":
-        raise ValueError(f"live must be 'viewer', an address such as rerun+http://... or end in .rrd, got {where!r}")
-    if not Path(where).absolute().parent.is_dir():
-        raise ValueError(f"live must lie in an existing folder, got {where!r}")
-    return where
+        raise ValueError(
+            f"live must be 'viewer', an address such as rerun+http://... or end in .rrd, got {brief(where)}"
+        )
+    return str(writable_file("live", where))

@@ -7,7 +7,6 @@ turn, played motions with contacts that stay, open and close. `World` holds what
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ from packmech.check import instance, integer, table
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.pairs import pair_names
+from packmech.files.paths import writable_file
 from packmech.files.records import is_record, to_table
 from packmech.jamming.play import PlayedMotion
 from packmech.measure.counting import packing_fraction
@@ -56,8 +56,7 @@ Clock = list[rr.TimeColumn]
 
 def check_arguments(path: Any, parameters: Any, results: Any) -> None:
     """Check where to write, and that parameters and results come by name."""
-    if not isinstance(path, str | os.PathLike):
-        raise TypeError(f"path must be a file name, got {path!r}")
+    writable_file("path", path)
     for name, value in (("parameters", parameters), ("results", results)):
         if value is not None:
             table(name, value)

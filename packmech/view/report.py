@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, function, instance, integer, one_of, real
+from packmech.check import BoxStrain, brief, function, instance, integer, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.contacts import Contacts, crossing_links, find_contacts
 from packmech.effects import (
@@ -139,7 +139,7 @@ def report_figure(*, unit: str = "", label: str = "") -> Callable[[ReportFunctio
         function("measure", measure)
         name = str(getattr(measure, "__name__", ""))
         if not name.isidentifier():
-            raise ValueError(f"measure must be a function with a name, got {measure!r}")
+            raise ValueError(f"measure must be a function with a name, got {brief(measure)}")
         REPORT_FIGURES[name] = ReportFigure(name, measure, unit, label or name.replace("_", " "))
         return measure
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import clear_errors, instance
+from packmech.check import brief, clear_errors, instance
 from packmech.contacts import pair_contacts
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.breaking import BrokenBonds
@@ -453,7 +453,7 @@ def motions_of(modes: Any, packing: Packing, stiffness: float, count: int) -> li
 
     """
     if not hasattr(modes, "displacement_mnd"):
-        raise TypeError(f"modes must be what pm.normal_modes returns, got {modes!r}")
+        raise TypeError(f"modes must be what pm.normal_modes returns, got {brief(modes)}")
     displacement_mnd = np.asarray(modes.displacement_mnd)
     if displacement_mnd.shape[1:] != packing.position_nd.shape:
         raise ValueError(

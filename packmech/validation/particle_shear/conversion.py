@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from packmech import check
 from packmech.box import Box
+from packmech.check import brief
 from packmech.effects import (
     BackgroundDamping,
     Bonds,
@@ -203,7 +204,7 @@ def from_scene(scene: Scene) -> tuple[ParticleShear, ShearedDiscs]:
     for name in OscillatoryShearDrive.__dataclass_fields__:
         wanted, got = getattr(made.drive, name), getattr(drive, name)
         if not _equal(wanted, got):
-            raise ValueError(f"scene.drive.{name} must be {wanted!r} for the reference model, got {got!r}")
+            raise ValueError(f"scene.drive.{name} must be {wanted!r} for the reference model, got {brief(got)}")
     return experiment, discs
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech import check
 from packmech.calls.display import shown
+from packmech.check import brief
 from packmech.observables import Table, make_table
 from packmech.validation.particle_shear.material import (
     Material,
@@ -308,7 +309,7 @@ class ParticleShear:
         for name, value in (("plateau_begin", begin), ("plateau_end", end), ("plateau_slope", slope)):
             object.__setattr__(self, name, value)
         if not isinstance(self.keep_viscosity, bool):
-            raise TypeError(f"keep_viscosity must be True or False, got {self.keep_viscosity!r}")
+            raise TypeError(f"keep_viscosity must be True or False, got {brief(self.keep_viscosity)}")
 
     @functools.cached_property
     def mass(self) -> float:

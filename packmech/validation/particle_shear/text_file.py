@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech import check
+from packmech.check import brief
 from packmech.validation.particle_shear.experiment import ParticleShear, ParticleShearRun
 from packmech.validation.particle_shear.material import contact_stiffness, contact_viscosity
 from packmech.validation.particle_shear.step import STRESSES, Preparation, ShearedDiscs
@@ -215,7 +216,7 @@ def write_text(
     check.instance("run", run, ParticleShearRun)
     how = _preparation(run.start, preparation)
     if not isinstance(tensors, bool):
-        raise TypeError(f"tensors must be True or False, got {tensors!r}")
+        raise TypeError(f"tensors must be True or False, got {brief(tensors)}")
     place = pathlib.Path(folder)
     if not place.is_dir():
         raise NotADirectoryError(f"folder must be an existing folder, got {place}")
@@ -296,7 +297,7 @@ class TextData:
             found = pattern.search(line)
             if found:
                 return float(found.group(1))
-        raise KeyError(f"label must be in the header with a number after it, got {label!r}")
+        raise KeyError(f"label must be in the header with a number after it, got {brief(label)}")
 
 
 def read_text(path: str | pathlib.Path) -> TextData:

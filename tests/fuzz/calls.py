@@ -1,0 +1,292 @@
+"""Calls of public functions with hostile arguments, and what is wrong with how they end.
+
+    python tests/fuzz/calls.py [--seed 0] [--calls 100000] [--name PATTERN ...]
+
+A call is one of `arguments.good` with one or two of its arguments replaced by a hostile value. It ends well where it
+returns, or raises an error that packmech itself wrote, in one short line. Anything else is a fault: an error out of a
+library or of the language (a foreign one), a message without end, a call that ignores its limits of time or memory.
+Prints each fault once for each place that it comes from, with the call that shows it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import decimal
+import fnmatch
+import fractions
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+if __name__ == "__main__":
+    sys.path[:0] = [str(ROOT), str(ROOT / "envs"), str(ROOT / "tests")]
+
+from arguments import call, good, parameters, public, write_files  # noqa: E402
+
+import packmech as pm  # noqa: E402
+
+# what a call on a handful of particles may take, with its code compiled, and what it may say
+SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 600
+OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, FileNotFoundError)
+
+
+class Shy:
+    """An object that cannot be looked at."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no repr")
+
+    def __eq__(self, other: object) -> bool:
+        raise RuntimeError("no comparison")
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+class Pretender:
+    """An object that says that it is an array and a number, and is neither."""
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        raise RuntimeError("no array")
+
+    def __float__(self) -> float:
+        raise RuntimeError("no number")
+
+    def __index__(self) -> int:
+        raise RuntimeError("no integer")
+
+    def __len__(self) -> int:
+        return -1
+
+    def __iter__(self) -> Iterator[Any]:
+        raise RuntimeError("no entries")
+
+
+def _recursive() -> list[Any]:
+    one: list[Any] = []
+    one.append(one)
+    return one
+
+
+# name -> maker: each call has a value of its own
+HOSTILE = {
+    **{
+        f"{n}": (lambda n=n: n)
+        for n in (0, -1, 1, 2, 7, 2**31, 2**53 + 1, 2**63 - 1, 2**63, 2**64, -(2**63), -(2**63) - 1)
+    },
+    "10**400": lambda: 10**400,
+    "10**5000": lambda: 10**5000,
+    **{
+        f"{x!r}": (lambda x=x: x)
+        for x in (1e18, 1e30, 1e200, 1e308, -1e308, 1e-12, 1e-200, 5e-324, -0.0, 0.5, 1e6, 2.0**63)
+    },
+    "nan": lambda: float("nan"),
+    "inf": lambda: float("inf"),
+    "-inf": lambda: -float("inf"),
+    "1+2j": lambda: 1 + 2j,
+    "True": lambda: True,
+    "None": lambda: None,
+    "...": lambda: ...,
+    "Fraction": lambda: fractions.Fraction(1, 3),
+    "Decimal nan": lambda: decimal.Decimal("nan"),
+    "Decimal huge": lambda: decimal.Decimal("1e999"),
+    "uint64": lambda: np.uint64(2**64 - 1),
+    "int8": lambda: np.int8(5),
+    "float16 inf": lambda: np.float16("inf"),
+    "longdouble": lambda: np.longdouble("1e4000"),
+    "datetime": lambda: np.datetime64("2020"),
+    "empty text": lambda: "",
+    "text": lambda: "free",
+    "number as text": lambda: "1e3",
+    "long name": lambda: "n" * 250,
+    "very long text": lambda: "y" * 1_000_000,
+    "zero byte": lambda: "a\0b",
+    "surrogate": lambda: "\udc80",
+    "braces": lambda: "{0} %s %d",
+    "bytes": lambda: b"1e-3",
+    "folder": lambda: "/",
+    "here": lambda: ".",
+    "path": lambda: Path("/"),
+    "device": lambda: "/dev/full",
+    "no folder": lambda: "no/such/folder.npz",
+    "int": lambda: int,
+    "dict": lambda: dict,
+    "print": lambda: repr,
+    "lambda": lambda: lambda: None,
+    "raises": lambda: lambda *given, **named: 1 / 0,
+    "module": lambda: np,
+    "object": lambda: object(),
+    "shy": Shy,
+    "pretender": Pretender,
+    "exception": lambda: ValueError("a"),
+    "()": lambda: (),
+    "[]": lambda: [],
+    "[[]]": lambda: [[]],
+    "{}": lambda: {},
+    "set": lambda: {1, 2},
+    "{1: 2}": lambda: {1: 2},
+    "{'a': 1}": lambda: {"a": 1},
+    "range": lambda: range(3),
+    "huge range": lambda: range(10**18),
+    "iterator": lambda: iter([0.1, 0.2]),
+    "generator": lambda: (x for x in (0, 1)),
+    "recursive": _recursive,
+    "ragged": lambda: [[1.0], [1.0, 2.0]],
+    "pair": lambda: (0, 1),
+    "pair of huge": lambda: (2**62, 2**62),
+    "huge in list": lambda: [10**400],
+    "list of nan": lambda: [float("nan")] * 3,
+    "list of None": lambda: [None, None],
+    "list of texts": lambda: ["a", "b"],
+    "list of shy": lambda: [Shy()],
+    "0-d": lambda: np.array(1.0),
+    "0-d integer": lambda: np.array(3),
+    "0-d object": lambda: np.array(None),
+    "empty": lambda: np.zeros(0),
+    "no rows": lambda: np.zeros((0, 2)),
+    "no columns": lambda: np.zeros((9, 0)),
+    "zeros (9, 2)": lambda: np.zeros((9, 2)),
+    "ones (2, 2)": lambda: np.ones((2, 2)),
+    "huge (9, 2)": lambda: np.full((9, 2), 1e300),
+    "tiny (9, 2)": lambda: np.full((9, 2), 1e-310),
+    "nine": lambda: np.arange(9),
+    "nine floats": lambda: np.linspace(0.1, 1.0, 9),
+    "smallest integers": lambda: np.full(9, -(2**63)),
+    "largest unsigned": lambda: np.full(9, 2**64 - 1, dtype=np.uint64),
+    "rank 30": lambda: np.zeros((1,) * 30),
+    "masked": lambda: np.ma.masked_array([0.1, 0.2], mask=[False, True]),
+    "masked (9, 2)": lambda: np.ma.masked_array(np.full((9, 2), 0.1), mask=np.eye(9, 2, dtype=bool)),
+    "complex": lambda: np.array([1j, 2.0]),
+    "complex (9, 2)": lambda: np.full((9, 2), 1j),
+    "texts": lambda: np.array(["a", "b"]),
+    "objects": lambda: np.array([object(), None], dtype=object),
+    "booleans": lambda: np.zeros(9, dtype=bool),
+    "structured": lambda: np.zeros(3, dtype=[("a", float)]),
+    "datetimes": lambda: np.array(["2020", "NaT"], dtype="datetime64[D]"),
+    "not contiguous": lambda: np.zeros((18, 4))[::2, ::2],
+    "broadcast": lambda: np.broadcast_to(0.5, (9, 2)),
+    "read only": lambda: np.frombuffer(bytes(72)),
+    "matrix": lambda: np.matrix("1 0; 0 1"),
+    "long": lambda: np.full(200_000, 0.5),
+}
+
+
+class TooLong(BaseException):
+    """A call that went on when its time was over."""
+
+
+class Fault(NamedTuple):
+    """A call that ended in a way that it must not."""
+
+    call: str
+    what: str
+    where: str
+
+
+def _stop(*_: Any) -> None:
+    raise TooLong
+
+
+def _where(error: BaseException) -> str:
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [
+        one for one in frames if "packmech" in Path(one.filename).parts or "packmech_envs" in Path(one.filename).parts
+    ]
+    last = own[-1] if own else frames[-1]
+    return f"{Path(last.filename).name}:{last.lineno}"
+
+
+def _is_own(error: BaseException) -> bool:
+    """Return whether packmech raised the error itself, its deepest frame being packmech's."""
+    if not isinstance(error, OWN_ERRORS):
+        return False
+    deepest = traceback.extract_tb(error.__traceback__)[-1]
+    return any(part in ("packmech", "packmech_envs") for part in Path(deepest.filename).parts)
+
+
+def judge(shown: str, act: Any, seconds: float = SECONDS) -> Fault | None:
+    """Make a call; return what is wrong with its end, None where nothing is."""
+    signal.signal(signal.SIGALRM, _stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    began = time.perf_counter()
+    try:
+        act()
+    except TooLong as error:
+        return Fault(shown, f"still at work after {seconds:g} s", _where(error))
+    except BaseException as error:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        text = str(error)
+        if not _is_own(error):
+            return Fault(shown, f"{type(error).__name__}: {text[:200]}", _where(error))
+        if len(text) > LETTERS:
+            return Fault(shown, f"a message of {len(text)} letters: {text[:80]}", _where(error))
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+    took = time.perf_counter() - began
+    return Fault(shown, f"took {took:.1f} s", "") if took > seconds else None
+
+
+def calls(rng: np.random.Generator, names: list[str], count: int) -> Iterator[tuple[str, dict[str, str]]]:
+    """Return names with the hostile values of one or two parameters, so many calls of each name in turn."""
+    values = list(HOSTILE)
+    for turn in range(count):
+        name = names[turn % len(names)]
+        fields = [one for one, field in parameters(name).items() if field.kind not in (field.VAR_POSITIONAL,)]
+        if fields:
+            chosen = rng.choice(fields, size=min(len(fields), 1 + int(rng.random() < 0.2)), replace=False)
+            yield name, {str(field): values[rng.integers(len(values))] for field in chosen}
+
+
+def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
+    """Return what is wrong with one call; `hostile` names the values by parameter."""
+    shown = f"{name}({', '.join(f'{field}=<{value}>' for field, value in hostile.items())})"
+    arguments = good(name, folder) | {field: HOSTILE[value]() for field, value in hostile.items()}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return judge(shown, lambda: call(name, arguments))
+
+
+def main() -> int:
+    """Make the calls that the command asks for and print their faults."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--calls", type=int, default=100_000)
+    parser.add_argument("--name", nargs="*", default=["*"])
+    parser.add_argument("--all", action="store_true", help="each value at each parameter, once")
+    asked = parser.parse_args()
+    names = [one for one in public() if any(fnmatch.fnmatch(one, pattern) for pattern in asked.name)]
+    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    seen: dict[tuple[str, str], int] = {}
+    made = 0
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        write_files(folder)
+        asked_for = (
+            ((one, {field: value}) for one in names for field in parameters(one) for value in HOSTILE)
+            if asked.all
+            else calls(np.random.default_rng(asked.seed), names, asked.calls)
+        )
+        for name, hostile in asked_for:
+            made += 1
+            fault = run(name, hostile, folder)
+            if fault is None:
+                continue
+            place = (fault.what.split(":")[0], fault.where or name)
+            seen[place] = seen.get(place, 0) + 1
+            if seen[place] == 1:
+                print(f"{fault.where:28} {fault.call}: {fault.what}", flush=True)
+    print(f"{made} calls, {sum(seen.values())} faults from {len(seen)} places")
+    return bool(seen)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
