@@ -93,9 +93,7 @@ def _entries(name: str, value: ArrayLike, kinds: str, words: str) -> NDArray[Any
     if not known:
         raise TypeError(f"{name} must be an array of {words}, got {brief(value)}") from None
     if hidden:
-        raise TypeError(
-            f"{name} must be an array of {words}, got a masked array that hides {np.ma.count_masked(value)}"
-        )
+        raise TypeError(f"{name} must be an array of {words}, got a masked array that hides some of them")
     return array
 
 

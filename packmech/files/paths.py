@@ -84,8 +84,8 @@ def writable_file(argument: str, path: Any) -> Path:
         raise ValueError(f"{argument} must lie in an existing folder, got {str(path)!r}")
     trial = folder / _beside(target.name)
     try:
-        with suppress(FileNotFoundError), open(trial, "xb"):
-            trial.unlink()
+        open(trial, "xb").close()
+        trial.unlink(missing_ok=True)
     except OSError as error:
         raise ValueError(
             f"{argument} must lie in a folder where a file can be made, got {str(path)!r}: {error.strerror}"

@@ -63,8 +63,8 @@ def test_failures_are_listed_and_make_the_exit_code(tmp_path, job, capsys):
     assert "RuntimeError" in said
     assert "not yet" in said
     flag.touch()
-    assert execute(["ensemble", "resume", *words]) == FAILED
-    assert execute(["ensemble", "retry", *words]) == OK
+    assert execute(["ensemble", "resume", "--trust", *words]) == FAILED
+    assert execute(["ensemble", "retry", "--trust", *words]) == OK
 
 
 @pytest.mark.parametrize(

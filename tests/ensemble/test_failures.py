@@ -50,7 +50,7 @@ def test_failures_are_run_again_only_when_that_is_asked_for(tmp_path, called):
     assert pm.run_ensemble(called("waits_for"), grid, folder, workers=1).counts()["failed"] == 2
     flag.touch()
     assert pm.run_ensemble(called("waits_for"), grid, folder, workers=1).counts()["failed"] == 2
-    found = pm.resume_ensemble(folder, retry=True, workers=1)
+    found = pm.resume_ensemble(folder, trust=True, retry=True, workers=1)
     assert found.counts() == {"done": 2, "failed": 0, "missing": 0}
     assert found["reason"].tolist() == ["", ""]
 
@@ -141,7 +141,7 @@ def test_a_member_that_another_command_runs_is_waited_for(tmp_path, called, wait
     (folder / "workspace" / first.id / "result.json").unlink()
     said = []
     call = threading.Thread(
-        target=lambda: pm.resume_ensemble(folder, workers=1, progress=lambda stage, figures: said.append(figures))
+        target=lambda: pm.resume_ensemble(folder, trust=True, workers=1, progress=lambda stage, figures: said.append(figures))
     )
     with claimed(folder, first) as own:
         assert own

@@ -114,13 +114,13 @@ def test_a_folder_goes_on_in_other_processes_if_its_function_has_a_name(tmp_path
     pm.run_ensemble(called("square"), {"seed": range(2)}, folder, workers=0)
     assert pm.run_ensemble(called("square"), {"seed": range(3)}, folder, workers=1)["square"].tolist() == [0, 1, 4]
     (folder / "workspace" / listed_members(folder)[0].id / "result.json").unlink()
-    assert pm.resume_ensemble(folder, workers=0).counts()["done"] == 3
+    assert pm.resume_ensemble(folder, trust=True, workers=0).counts()["done"] == 3
     # the folder knows the name of a closure, and no place where it is
     pm.run_ensemble(lambda seed: seed, {"seed": 0}, tmp_path / "closure", workers=0)
     for (path,) in [list((tmp_path / "closure").glob("workspace/*/result.json"))]:
         path.unlink()
     with pytest.raises(ValueError, match="goes on by the same call of run_ensemble"):
-        pm.resume_ensemble(tmp_path / "closure", workers=0)
+        pm.resume_ensemble(tmp_path / "closure", trust=True, workers=0)
 
 
 def test_a_closure_that_computes_something_else_is_another_job(tmp_path):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.ensemble.folder import find, listed_members
+from packmech.ensemble.folder import JOB, find, listed_members
 
 SMALL = {"packing.particles": 12, "drive.pressure": 1e-4}
 
@@ -102,8 +102,43 @@ def test_the_folder_is_all_that_is_needed_to_go_on(tmp_path, called):
     (folder / "workspace" / names[0] / "result.json").unlink()
     (folder / "workspace" / names[1] / "result.json").write_text("{")  # as a disk without power may leave it
     assert pm.read_ensemble(folder).counts() == {"done": 1, "failed": 0, "missing": 2}
-    assert pm.resume_ensemble(folder, members=names[1:], workers=1).counts()["done"] == 2
-    assert pm.resume_ensemble(folder, workers=1).counts()["done"] == 3
+    assert pm.resume_ensemble(folder, trust=True, members=names[1:], workers=1).counts()["done"] == 2
+    assert pm.resume_ensemble(folder, trust=True, workers=1).counts()["done"] == 3
+
+
+def test_code_that_a_folder_names_runs_only_where_it_is_trusted(tmp_path, called):
+    folder = tmp_path / "out"
+    pm.run_ensemble(called("square"), {"seed": range(2)}, folder, part="1/2", workers=1)
+    (folder / "workspace" / listed_members(folder)[0].id / "result.json").unlink()
+    for given in ({}, {"trust": False}):
+        with pytest.raises(ValueError, match=r"trust must be True \(--trust\) for a folder .* square of .*jobs"):
+            pm.resume_ensemble(folder, workers=1, **given)
+    assert pm.resume_ensemble(folder, workers=1, trust=True).counts()["done"] == 1
+    # a function of any package is code of others
+    job = folder / JOB
+    table = json.loads(job.read_text())
+    table["job"]["function"] = {"module": "os", "name": "system", "root": ""}
+    job.write_text(json.dumps(table))
+    with pytest.raises(ValueError, match="system of module os"):
+        pm.resume_ensemble(folder, workers=1)
+
+
+def test_a_folder_of_a_scene_runs_no_code_of_its_own_and_needs_no_trust(tmp_path):
+    grid = {"packing.particles": 16, "seed": range(2)}
+    pm.run_ensemble("default", grid, tmp_path / "out", part="1/2", workers=1)
+    assert pm.resume_ensemble(tmp_path / "out", workers=1).counts()["done"] == 1
+
+
+def test_a_result_that_was_changed_counts_as_none(tmp_path, called):
+    folder = tmp_path / "out"
+    pm.run_ensemble(called("square"), {"seed": range(3)}, folder, workers=1)
+    path = folder / "workspace" / listed_members(folder)[2].id / "result.json"
+    result = json.loads(path.read_text())
+    result["values"] = dict.fromkeys(result["values"], 5)
+    path.write_text(json.dumps(result))
+    assert pm.read_ensemble(folder).counts() == {"done": 2, "failed": 0, "missing": 1}
+    found = pm.run_ensemble(called("square"), {"seed": range(3)}, folder, workers=1)
+    assert sorted(found["square"].tolist()) == [0, 1, 4]
 
 
 def test_a_table_is_read_back_to_the_last_bit_from_either_format(tmp_path, called):

@@ -1,0 +1,91 @@
+"""Names of files, and files that are replaced as a whole."""
+
+import fcntl
+import os
+
+import pytest
+
+from packmech.files.paths import existing_file, file_name, replacing, writable_file
+
+
+def replace(path, text="new"):
+    with replacing(path) as partial:
+        partial.write_text(text)
+
+
+@pytest.mark.parametrize(
+    ("path", "error", "message"),
+    [
+        (3, TypeError, "path must be a file name, got 3"),
+        ("", TypeError, "path must be a file name, got ''"),
+        (b"a.npz", TypeError, "path must be a file name, got b'a.npz'"),
+        ("a\0b", ValueError, "path must be a file name without zero bytes"),
+        ("\udc80\ud800", ValueError, "path must be a file name without zero bytes and halves of letters"),
+        ("n" * 250, ValueError, "path must be a file name of fewer letters, got .* of 250"),
+        ("n/" * 4000, ValueError, "path must be a file name of fewer letters"),
+    ],
+)
+def test_what_is_no_file_name_is_refused(path, error, message):
+    with pytest.raises(error, match=message):
+        file_name("path", path)
+
+
+def test_a_folder_is_no_file(tmp_path):
+    for look in (existing_file, writable_file):
+        with pytest.raises(ValueError, match="out must name a file, got the folder"):
+            look("out", tmp_path)
+    with pytest.raises(FileNotFoundError, match="out must name an existing file, got .*none"):
+        existing_file("out", tmp_path / "none")
+    with pytest.raises(ValueError, match="out must lie in an existing folder, got .*none"):
+        writable_file("out", tmp_path / "none" / "a.npz")
+
+
+def test_that_a_file_can_be_made_is_tried_and_leaves_nothing():
+    # where no file can be made, whoever asks
+    with pytest.raises(ValueError, match="out must lie in a folder where a file can be made, got '/proc/self/fd/a'"):
+        writable_file("out", "/proc/self/fd/a")
+
+
+def test_a_trial_leaves_nothing(tmp_path):
+    assert writable_file("out", tmp_path / "a.npz") == tmp_path / "a.npz"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there" / "a.txt").write_text("old")
+    (tmp_path / "b.txt").symlink_to(tmp_path / "there" / "a.txt")
+    replace(tmp_path / "b.txt")
+    assert (tmp_path / "b.txt").is_symlink()
+    assert (tmp_path / "there" / "a.txt").read_text() == "new"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["b.txt", "there"]
+
+
+@pytest.mark.parametrize("rights", [0o600, 0o640, 0o444])
+def test_a_replaced_file_has_the_rights_that_it_had(tmp_path, rights):
+    (tmp_path / "a.txt").write_text("old")
+    (tmp_path / "a.txt").chmod(rights)
+    replace(tmp_path / "a.txt")
+    assert (tmp_path / "a.txt").stat().st_mode & 0o777 == rights
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
+    (tmp_path / "a.txt").write_text("old")
+    with pytest.raises(OSError, match="full"), replacing(tmp_path / "a.txt") as partial:
+        partial.write_text("half")
+        raise OSError("full")
+    assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("a.txt", "old")]
+
+
+def test_files_that_a_killed_process_left_are_removed_and_those_in_work_are_not(tmp_path):
+    names = [f".a.{digit * 32}.txt" for digit in "123"]
+    for name in names:
+        (tmp_path / name).write_text("half")
+    (tmp_path / ".a.notes.txt").write_text("somebody's own")
+    # two of them are old, and one of these is being written
+    for name in names[:2]:
+        os.utime(tmp_path / name, (0.0, 0.0))
+    with open(tmp_path / names[1], "rb") as written:
+        fcntl.flock(written, fcntl.LOCK_EX)
+        replace(tmp_path / "a.txt")
+    assert sorted(one.name for one in tmp_path.iterdir()) == sorted([*names[1:], ".a.notes.txt", "a.txt"])
