@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -131,8 +132,14 @@ def main() -> None:
     """Run the command; an error of the input or of convergence is one line and an exit code."""
     signal.signal(signal.SIGTERM, _terminate)
     warnings.formatwarning = _format_warning
+    # a command without somewhere to say anything does its work
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 - until the process ends
     try:
-        sys.exit(execute(sys.argv[1:]))
+        code = execute(sys.argv[1:])
+        sys.stdout.flush()
+        sys.exit(code)
     except BrokenPipeError:  # whoever reads the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(FAILED)
@@ -148,6 +155,10 @@ def main() -> None:
         if os.environ.get("PACKMECH_TRACEBACK") or not (not_converged or isinstance(error, EXPECTED)):
             raise
         lines = [" ".join(line.split()) for line in str(error).splitlines()]
+        if isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None:
+            # what is left of the output cannot be written at the end, either
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            lines = [f"the output could not be written: {error.strerror}"]
         print("packmech:", "\n".join(lines) or type(error).__name__, file=sys.stderr)
         sys.exit(FAILED if not_converged else BAD_INPUT)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -87,10 +88,19 @@ class Files:
             law = None if scene is None or self.out.suffix != ".npz" else law_of(scene.effects)
             try:
                 write_packing(packing, self.out, law=law)
+            except OSError as error:
+                raise OSError(f"{self._rescue(packing, law)}: {error.strerror or error}") from error
             except NotKeptError as error:
                 # the work is done: what the format has a place for is written
                 write_packing(packing, self.out, law=law, drop=True)
                 show(f"{self.out} has no place for, and does not hold: {'; '.join(error.lost)}")
+
+    def _rescue(self, packing: Packing, law: Any) -> str:
+        """Write a packing that its place has no room for somewhere else; return where it is, in words."""
+        assert self.out is not None
+        kept = Path(tempfile.mkdtemp(prefix="packmech-")) / f"{self.out.stem}.npz"
+        write_packing(packing, kept, law=law)
+        return f"out must be a file that can be written, got {str(self.out)!r} (the packing is kept in {kept})"
 
     def write_json(self, numbers: dict[str, Any]) -> None:
         """Write the numbers as JSON; what is no number there (infinite, undefined) becomes null."""

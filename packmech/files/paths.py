@@ -79,6 +79,8 @@ def writable_file(argument: str, path: Any) -> Path:
     target = file_name(argument, path)
     if target.is_dir():
         raise ValueError(f"{argument} must name a file, got the folder {str(path)!r}")
+    if _is_device(target):
+        return target
     folder = _behind_links(target).parent
     if not folder.is_dir():
         raise ValueError(f"{argument} must lie in an existing folder, got {str(path)!r}")
@@ -98,8 +100,11 @@ def replacing(target: Path) -> Iterator[Path]:
     """Give a file to write beside the target, of a name of its own, which replaces it in one step at the end.
 
     A link stays one, and what it leads to is replaced; the file has the rights that it had. Half-written files of
-    processes that were killed while they wrote the same target are removed.
+    processes that were killed while they wrote the same target are removed. A device or a pipe is written itself.
     """
+    if _is_device(target):
+        yield target
+        return
     whole = _behind_links(target)
     _remove_forgotten(whole)
     partial = whole.with_name(_beside(whole.name))
@@ -120,6 +125,10 @@ def _beside(name: str) -> str:
     """Return the name of a file that is half written; it ends as the whole one, as writers go by the ending."""
     path = Path(name)
     return f".{path.stem}.{uuid.uuid4().hex}{path.suffix}"
+
+
+def _is_device(target: Path) -> bool:
+    return target.exists() and not target.is_file()
 
 
 def _behind_links(target: Path) -> Path:

@@ -436,3 +436,25 @@ def test_effects_names_every_effect_that_ships_with_its_columns(tmp_path):
     assert named <= set(found)
     shown = ("TwistingResistance", "DMT", "CapillaryBridge", "BackgroundDamping", "Langevin", "MeshWalls")
     assert [found[one] for one in shown] == ["rolling", "interactions", "interactions", "drag", "noise", "mesh"]
+
+
+def test_a_packing_without_room_in_its_place_is_kept_elsewhere(tmp_path):
+    (tmp_path / "small.toml").write_text(SMALL)
+    (tmp_path / "end.npz").symlink_to("/dev/full")
+    done = packmech("jam", "small.toml", "--no-record", "--out", "end.npz", folder=tmp_path)
+    assert done.returncode == 2
+    kept = re.search(
+        r"out must be a file that can be written, got 'end\.npz' \(the packing is kept in (\S+)\)", one_line(done)
+    )
+    assert kept, done.stderr
+    assert pm.read_packing(kept[1]).particles == 24
+
+
+@pytest.mark.parametrize("verb", ["scenes", "effects"])
+def test_output_without_room_is_one_line_and_without_a_place_is_none(verb):
+    words = [sys.executable, "-m", "packmech", verb]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (2, "packmech: the output could not be written: No space left on device\n")
+    done = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *words], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+from pathlib import Path
 
 import pytest
 
@@ -59,6 +60,14 @@ def test_a_link_stays_and_what_it_leads_to_is_replaced(tmp_path):
     assert (tmp_path / "b.txt").is_symlink()
     assert (tmp_path / "there" / "a.txt").read_text() == "new"
     assert sorted(one.name for one in tmp_path.iterdir()) == ["b.txt", "there"]
+
+
+def test_a_device_stays_one(tmp_path):
+    (tmp_path / "full.txt").symlink_to("/dev/full")
+    assert writable_file("out", tmp_path / "full.txt") == tmp_path / "full.txt"
+    with pytest.raises(OSError, match="No space left"):
+        replace(tmp_path / "full.txt")
+    assert Path("/dev/full").is_char_device() and (tmp_path / "full.txt").is_symlink()
 
 
 @pytest.mark.parametrize("rights", [0o600, 0o640, 0o444])
