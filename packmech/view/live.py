@@ -36,6 +36,8 @@ from packmech.view.recording import (
     send_curves,
     send_moving,
     send_resting,
+    unwritten,
+    written_whole,
 )
 from packmech.view.trajectory import Curve, PackingFrame, Trajectory, turned_marks
 
@@ -166,11 +168,19 @@ class Recording:
         writer.take(PackingFrame(at, when, packing, touching), _numbers(figures))
 
     def close(self, results: Mapping[str, Any] | None = None) -> Path:
-        """Complete the file and return its absolute path; what was found is kept with it by name."""
+        """Complete the file and return its absolute path; what was found is kept with it by name.
+
+        Raises
+        ------
+        OSError
+            If the file could not be written to its end.
+
+        """
         if results is not None:
             table("results", results)
             self._writer.results.update(results)
-        self._finish()
+        with written_whole(self.path):
+            self._finish()
         atexit.unregister(self._finish)
         return self.path
 
@@ -216,7 +226,10 @@ class _Writer:
         with path.open("wb"):  # the writer only logs a file that it cannot open
             pass
         self.stream = rr.RecordingStream("packmech")
-        self.stream.save(path)
+        try:
+            self.stream.save(path)
+        except RuntimeError as error:
+            raise unwritten(path, str(error)) from error
         self.stream.send_recording_name(path.stem)
         self.send_properties(of_parameters=True)
         self.world = World(self.stream, packing, drawing.particle_colors(packing, scene.effects))

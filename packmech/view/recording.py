@@ -50,6 +50,9 @@ MARGIN = 0.04
 # plots that stand in one column
 COLUMN_PLOTS = 8
 
+# how Rerun ends a recording, and within how many bytes of the end of the file that stands
+_FOOT, _FOOT_WITHIN = b"RRF2FOOT", 64
+
 Views = list[rrb.Container | rrb.View]
 Clock = list[rr.TimeColumn]
 
@@ -76,16 +79,36 @@ def opened(
     with target.open("ab"):  # the writer only logs a file that it cannot open
         pass
     stream = rr.RecordingStream("packmech")
+    with written_whole(target):
+        try:
+            stream.save(target, default_blueprint=layout)
+            stream.send_recording_name(target.stem)
+            properties = properties_of(trajectory.final, trajectory.effects, parameters or {}, results)
+            stream.send_property("packmech", property_values(properties))
+            send_curves(stream, trajectory.curves)
+            yield stream, target
+        finally:
+            stream.flush()
+            stream.disconnect()
+
+
+@contextmanager
+def written_whole(path: Path) -> Iterator[None]:
+    """Turn what Rerun raises of a recording that it cannot write, or only logs, into an OSError that names the file."""
     try:
-        stream.save(target, default_blueprint=layout)
-        stream.send_recording_name(target.stem)
-        properties = properties_of(trajectory.final, trajectory.effects, parameters or {}, results)
-        stream.send_property("packmech", property_values(properties))
-        send_curves(stream, trajectory.curves)
-        yield stream, target
-    finally:
-        stream.flush()
-        stream.disconnect()
+        yield
+    except RuntimeError as error:
+        raise unwritten(path, str(error)) from error
+    if path.is_file():
+        with open(path, "rb") as file:
+            file.seek(max(path.stat().st_size - _FOOT_WITHIN, 0))
+            if _FOOT not in file.read():
+                raise unwritten(path, "its end is missing; is there room for it?")
+
+
+def unwritten(path: Path, reason: str) -> OSError:
+    """Return the error of a recording that could not be written."""
+    return OSError(f"path must be a file that can be written, got {str(path)!r}: {reason}")
 
 
 def send_curves(stream: rr.RecordingStream, curves: Mapping[str, Curve]) -> None:
