@@ -1,4 +1,4 @@
-"""Effects on touching pairs, chosen by type: what a scene does not name is not compiled in.
+"""Effects on touching pairs and `@pm.effect`, chosen by type: what a scene does not name is not compiled in.
 
 An effect is a NamedTuple of numbers and laws whose class is decorated with `effect`, which says what it may define.
 Compiled loops walk the scene's tuple of effects with `literal_unroll` and call the functions below.
