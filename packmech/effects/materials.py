@@ -1,4 +1,4 @@
-"""What touching particles and walls of materials do, from the constants of these: Young's modulus, Poisson's ratio, restitution.
+"""What particles and walls of materials do where they touch: from Young's modulus, Poisson's ratio, restitution.
 
 Two bodies of different materials touch as two of one material that stands for both (`Material` of the pair): what a
 contact depends on, E*, G*, restitution and friction, are four numbers of it.
