@@ -365,7 +365,7 @@ class JamDrive:
 @_built_in("packmech.protocols.drives:SETTLE")
 @dataclass(frozen=True)
 class SettleDrive:
-    """Let the scene come to rest with friction, in time and in the box as it is: a pile under gravity on held grains.
+    """Let the scene come to rest with friction, in time and in the box as it is: a pile under gravity on a floor.
 
     Parameters
     ----------

@@ -835,17 +835,15 @@ def _numbers(profile: Any) -> NDArray[np.float64]:
 
 
 def refuse_misfits(scene: Scene) -> None:
-    """Refuse bonds of particles or of a dimension that are not the packing's, or whose ends coincide, and walls beyond.
+    """Refuse bonds of particles or of a dimension that are not the packing's, or whose ends coincide.
 
-    Bonds without a length have no direction to push in; walls across z mean nothing in a plane.
+    Bonds without a length have no direction to push in.
     """
     _refuse_shapes(scene)
     _refuse_idle_dashpots(scene)
     position, lattice = scene.packing.position_nd, scene.packing.box.lattice_dd
     n, d = position.shape
     for k, one in enumerate(scene.effects):
-        if isinstance(one, Walls) and one.axis >= d:
-            raise ValueError(f"scene.effects[{k}].axis must be 0 or 1 in a plane, got {one.axis:g}")
         if not isinstance(one, Bonds) or not len(one):
             continue
         if one.image_bd.shape[1] != d:

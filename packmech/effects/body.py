@@ -59,16 +59,34 @@ PER_KIND = (
 _BARELY, _OVERLAP = 1e-9, 0.1
 
 
-@effect
-class Gravity(NamedTuple):
-    """The same acceleration for every particle [length/time^2]; no potential is periodic, so put a wall in its way.
-
-    Its numbers are checked when a `Scene` is made with it.
-    """
-
+class _Gravity(NamedTuple):
     x: float = 0.0
     y: float = -1.0
     z: float = 0.0
+
+
+@effect
+class Gravity(_Gravity):
+    """The same acceleration for every particle [length/time^2]; no potential is periodic, so put a wall in its way.
+
+    Its numbers are checked when a `Scene` is made with it.
+
+    Parameters
+    ----------
+    x, y, z
+        Along the axes; those that are left out are 0 where one is given. Without any, 1 down the second axis.
+
+    Examples
+    --------
+    >>> Gravity(), Gravity(z=-9.81)
+    (Gravity(x=0.0, y=-1.0, z=0.0), Gravity(x=0.0, y=0.0, z=-9.81))
+
+    """
+
+    def __new__(cls, x: float | None = None, y: float | None = None, z: float | None = None) -> Gravity:
+        """Return the record: down, unless an axis is named."""
+        given = (x, y, z) if (x, y, z) != (None, None, None) else (0.0, -1.0, 0.0)
+        return super().__new__(cls, *(0.0 if one is None else one for one in given))
 
     def body_force(
         self, x: float, y: float, z: float, u: float, v: float, w: float, mass: float, radius: float
@@ -468,6 +486,8 @@ def refuse_walls(effects: tuple[Any, ...], packing: Packing) -> None:
                 )
         if not isinstance(one, Walls):
             continue
+        if one.axis >= packing.dimension:
+            raise ValueError(f"effects[{k}].axis must be 0 or 1 in a plane, got {one.axis:g}")
         if one.roughness is not None and packing.shapes.has_orientations:
             raise ValueError(
                 f"effects[{k}] must be smooth Walls, with friction=pm.Friction(0.0), for {packing.shapes.names[1]}: "

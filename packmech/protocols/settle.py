@@ -1,4 +1,4 @@
-"""Settle: to rest with friction, in time and in the box as it is: under gravity, on floors of held particles."""
+"""Settle: to rest with friction, in time and in the box as it is: under gravity, on walls or on held particles."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def settle(
     progress: Progress = None,
     check: bool = True,
 ) -> Run:
-    """Return the run to rest with friction, in the box as it is: under gravity, on particles that are held.
+    """Return the run to rest with friction, in the box as it is: under gravity, on a floor.
 
     Particles start without motion and follow Newton's equations with the scene's dashpots and drag until little of the
     motion is left, or it no longer dies out; then all motion is stopped whenever the kinetic energy has begun to fall
@@ -58,7 +58,7 @@ def settle(
     Parameters
     ----------
     scene
-        The scene. Under gravity it needs a floor of held particles (`FixedParticles`).
+        The scene. Under gravity it needs a floor: `Walls`, `MeshWalls`, or particles that are held (`FixedParticles`).
     force_tolerance
         Stop when the largest net force, and torque over radius, falls to this times the mean normal force [1].
     step_limit

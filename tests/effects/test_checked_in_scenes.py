@@ -44,3 +44,17 @@ def test_every_record_that_cannot_check_its_numbers_says_who_does():
 def test_walls_across_an_axis_by_letter_are_told_its_number():
     with pytest.raises(ValueError, match=r"effects\[0\].axis must be 0, 1 or 2, for x, y or z, got 'y'"):
         pm.Scene(pm.lattice_packing("square"), (pm.Walls(axis="y", low=0.0, high=0.5),))
+
+
+def test_walls_across_an_axis_that_the_packing_lacks_are_refused():
+    packing = pm.lattice_packing("triangular", repeats=(4, 4))
+    with pytest.raises(ValueError, match=r"effects\[1\]\.axis must be 0 or 1 in a plane, got 2"):
+        pm.Scene(packing, (pm.Repulsion(), pm.Walls(2, 0.0, 1.0)))
+
+
+def test_gravity_acts_along_what_is_named_and_down_where_nothing_is():
+    assert tuple(pm.Gravity()) == (0.0, -1.0, 0.0)
+    assert tuple(pm.Gravity(z=-9.81)) == (0.0, 0.0, -9.81)
+    assert tuple(pm.Gravity(0.5)) == (0.5, 0.0, 0.0)
+    assert tuple(pm.Gravity(0.0, -0.1)) == (0.0, -0.1, 0.0)
+    assert pm.Gravity()._replace(y=-2.0) == pm.Gravity(y=-2.0)

@@ -164,7 +164,9 @@ def test_a_changed_function_of_a_file_is_refused_by_run_and_resume(tmp_path):
     file.write_text(code.replace("10", "20"))
     assert "folder must hold members of the same job, or be new" in carried_out(started % 3)
     assert "with a job that was written otherwise" in carried_out(started % 3)
-    assert "job must be written as when the folder was made, got a changed job" in carried_out("resume_ensemble('out', trust=True)")
+    assert "job must be written as when the folder was made, got a changed job" in carried_out(
+        "resume_ensemble('out', trust=True)"
+    )
     file.write_text(f"# a comment\n{code}")
     assert carried_out(started % 3) == "10 20 30"
     assert carried_out("resume_ensemble('out', trust=True)") == "10 20 30"

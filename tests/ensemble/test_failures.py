@@ -141,7 +141,9 @@ def test_a_member_that_another_command_runs_is_waited_for(tmp_path, called, wait
     (folder / "workspace" / first.id / "result.json").unlink()
     said = []
     call = threading.Thread(
-        target=lambda: pm.resume_ensemble(folder, trust=True, workers=1, progress=lambda stage, figures: said.append(figures))
+        target=lambda: pm.resume_ensemble(
+            folder, trust=True, workers=1, progress=lambda stage, figures: said.append(figures)
+        )
     )
     with claimed(folder, first) as own:
         assert own

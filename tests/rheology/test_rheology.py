@@ -167,10 +167,9 @@ def test_bootstrap_and_standard_errors_agree_for_many_values():
         (pm.Bonds([0, 1], [2, 16], [[0, 0], [0, 0]], [1.0, 1.0]), r"scene.effects\[1\].j_b must be below 16, got 16"),
         (pm.Bonds([0], [2], [[0, 0, 0]], [1.0]), r"scene.effects\[1\].image_bd must have shape \(1, 2\)"),
         (pm.Bonds([0], [0], [[0, 0]], [1.0]), "bonds whose ends are apart"),
-        (pm.Walls(2, 0.0, 1.0), r"scene.effects\[1\].axis must be 0 or 1 in a plane, got 2"),
     ],
 )
-def test_bonds_and_walls_that_are_not_the_packing_s_are_refused_by_all_that_moves_it(effect, said):
+def test_bonds_that_are_not_the_packing_s_are_refused_by_all_that_moves_it(effect, said):
     packing = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=0.01)
     scene = pm.Scene(packing, (pm.Repulsion(), effect))
     with pytest.raises(ValueError, match=said):
