@@ -18,7 +18,7 @@ from packmech.check import brief, instance, integer, real, table
 from packmech.contacts import Contacts
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import Touching, touching_of
-from packmech.files.paths import writable_file
+from packmech.files.paths import file_name, writable_file
 from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.shapes import same_but_turned
@@ -91,7 +91,7 @@ class Recording:
         parameters: Mapping[str, Any] | None = None,
         loop: tuple[str, str] | None = None,
     ) -> None:
-        file = writable_file("path", path)
+        file = file_name("path", path).absolute()
         instance("scene", scene, Scene)
         if parameters is not None:
             table("parameters", parameters)
@@ -99,7 +99,7 @@ class Recording:
             isinstance(loop, tuple) and len(loop) == 2 and all(isinstance(name, str) for name in loop)
         ):
             raise TypeError(f"loop must be the names of two figures, got {brief(loop)}")
-        self._writer = _Writer(file.absolute(), scene, dict(parameters or {}), loop)
+        self._writer = _Writer(file, scene, dict(parameters or {}), loop)
         # closes the file when this is forgotten, or Python ends, before Rerun's own end
         self._finish = weakref.finalize(self, self._writer.finish)
         atexit.register(self._finish)
@@ -223,8 +223,8 @@ class _Writer:
         self.reach = (np.full(packing.dimension, np.inf), np.full(packing.dimension, -np.inf))
         self.last: PackingFrame | None = None
         path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("wb"):  # the writer only logs a file that it cannot open
-            pass
+        # the writer only logs a file that it cannot open
+        writable_file("path", path)
         self.stream = rr.RecordingStream("packmech")
         try:
             self.stream.save(path)

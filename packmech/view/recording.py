@@ -24,7 +24,7 @@ from packmech.check import instance, integer, table
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.pairs import pair_names
-from packmech.files.paths import writable_file
+from packmech.files.paths import file_name, replacing, writable_file
 from packmech.files.records import is_record, to_table
 from packmech.jamming.play import PlayedMotion
 from packmech.measure.counting import packing_fraction
@@ -59,7 +59,7 @@ Clock = list[rr.TimeColumn]
 
 def check_arguments(path: Any, parameters: Any, results: Any) -> None:
     """Check where to write, and that parameters and results come by name."""
-    writable_file("path", path)
+    file_name("path", path)
     for name, value in (("parameters", parameters), ("results", results)):
         if value is not None:
             table(name, value)
@@ -73,23 +73,32 @@ def opened(
     parameters: Mapping[str, Any] | None,
     results: Mapping[str, Any],
 ) -> Iterator[tuple[rr.RecordingStream, Path]]:
-    """Open a recording, write its properties and curves, and give the stream and the absolute path."""
+    """Open a recording, write its properties and curves, and give the stream and the absolute path.
+
+    The file is made at the end, as a whole.
+    """
     target = Path(path).absolute()
     target.parent.mkdir(parents=True, exist_ok=True)
-    with target.open("ab"):  # the writer only logs a file that it cannot open
-        pass
+    writable_file("path", target)
     stream = rr.RecordingStream("packmech")
-    with written_whole(target):
-        try:
-            stream.save(target, default_blueprint=layout)
-            stream.send_recording_name(target.stem)
-            properties = properties_of(trajectory.final, trajectory.effects, parameters or {}, results)
-            stream.send_property("packmech", property_values(properties))
-            send_curves(stream, trajectory.curves)
-            yield stream, target
-        finally:
-            stream.flush()
-            stream.disconnect()
+    # written by packmech: Rerun logs what goes wrong as it writes a file, or waits for ever
+    content = rr.binary_stream(stream)
+    try:
+        stream.send_blueprint(layout, make_active=False, make_default=True)
+        stream.send_recording_name(target.stem)
+        properties = properties_of(trajectory.final, trajectory.effects, parameters or {}, results)
+        stream.send_property("packmech", property_values(properties))
+        send_curves(stream, trajectory.curves)
+        yield stream, target
+        # once: each time that it is read it ends as a recording does
+        whole = content.read() or b""
+    finally:
+        stream.disconnect()
+    try:
+        with replacing(target) as partial:
+            partial.write_bytes(whole)
+    except OSError as error:
+        raise unwritten(target, error.strerror or str(error)) from error
 
 
 @contextmanager

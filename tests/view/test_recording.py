@@ -261,13 +261,34 @@ def test_line_width_is_proportional_to_the_force_up_to_the_widest():
             ValueError,
             "mode_count must be an integer at least 0",
         ),
-        (lambda s, r, p: pm.record_packing(s, p.parent), OSError, "Is a directory"),
+        (lambda s, r, p: pm.record_packing(s, p.parent), ValueError, "path must name a file, got the folder"),
     ],
 )
 def test_bad_arguments_are_named(tmp_path, call, error, message):
     scene, run = descent(2)
     with pytest.raises(error, match=message):
         call(scene, run, tmp_path / "bad.rrd")
+
+
+def test_a_recording_without_room_is_an_error_that_names_it_and_leaves_nothing(tmp_path):
+    scene, run = descent(2)
+    path = tmp_path / "full.rrd"
+    path.symlink_to("/dev/full")
+    for record in (lambda: pm.record_packing(scene, path), lambda: pm.record_run(run, path, scene=scene)):
+        with pytest.raises(OSError, match=r"path must be a file that can be written, got .*full\.rrd': No space left"):
+            record()
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_recording_made_again_replaces_the_whole_file(tmp_path):
+    scene, run = descent(2)
+    pm.record_run(run, tmp_path / "a.rrd", scene=scene)
+    (tmp_path / "b.rrd").write_bytes((tmp_path / "a.rrd").read_bytes())
+    pm.record_packing(scene, tmp_path / "b.rrd")
+    pm.record_packing(scene, tmp_path / "c.rrd")
+    # but for names and times that Rerun writes into it
+    sizes = [(tmp_path / name).stat().st_size for name in ("b.rrd", "c.rrd")]
+    assert abs(sizes[0] - sizes[1]) < 0.01 * sizes[1]
 
 
 def test_modes_of_another_packing_are_refused():
