@@ -236,7 +236,13 @@ class Summary:
         """Return the text that stands beside a recorded packing: narrow tables, what the values are below them."""
         results = markdown_table((self.title if title is None else title, ""), [row[:2] for row in self.rows])
         steps = markdown_table(STAGE_HEADINGS[:-1], [row[:-1] for row in stage_rows(self.stages)])
-        notes = "".join(f"- **{name}**: {note}\n" for name, _, note in self.rows if note)
+        said: dict[str, list[str]] = {}
+        name = ""
+        for row in self.rows:
+            # further rows of a tensor have no name, and say more of it
+            name = row[0] or name
+            said.setdefault(name, []).extend(filter(None, row[2:]))
+        notes = "".join(f"- **{name}**: {'; '.join(found)}\n" for name, found in said.items() if found)
         return without_negative_zeros(f"{results}\n{steps}\n{notes}")
 
 

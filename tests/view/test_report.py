@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.result import Stage
+from packmech.result import Stage, Summary
 from packmech.view.report import Report, _part, examine, isostatic_contacts, result_rows
 
 HARMONIC = (pm.Repulsion(law=pm.Harmonic()),)
@@ -296,3 +296,15 @@ def test_a_report_says_how_many_particles_are_of_each_kind_where_there_are_sever
     assert report.numbers["kinds"] == [11, 0, 5]
     assert row(result_rows(report.numbers, report.missing), "kinds")[1:] == ("11 of 0, 5 of 2", "particles of a kind")
     assert "kinds" not in examine(plain).numbers
+
+
+def test_notes_of_rows_without_a_name_stand_with_the_row_before():
+    rows = (
+        ("stress", "1 2", "tension positive"),
+        ("", "3 4", "energy / length^2"),
+        ("speed", "5", ""),
+        ("", "6", "more"),
+    )
+    lines = Summary("a run", rows, ()).markdown().splitlines()
+    notes = [line for line in lines if line.startswith("- ")]
+    assert notes == ["- **stress**: tension positive; energy / length^2", "- **speed**: more"]
