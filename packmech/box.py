@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import brief, finite_array, integer, positive, positive_array
+from packmech.check import brief, finite_array, given_shape, integer, positive, positive_array
 
 # lengths between these have squares, and volumes, that double precision carries [length]
 SHORTEST, LONGEST = 1e-60, 1e60
@@ -46,13 +46,13 @@ class Box:
     lattice_dd: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        sides = np.shape(self.lattice_dd)
+        sides = given_shape(self.lattice_dd)
         if sides in ((2,), (3,)):
             lattice = np.diag(positive_array("lattice_dd", self.lattice_dd, shape=sides, what="side"))
         elif sides == () and isinstance(self.lattice_dd, int | float | np.number):
             raise ValueError(
                 f"lattice_dd must say how many dimensions a box has, got {brief(self.lattice_dd)}: take "
-                f"Box.cubic({self.lattice_dd!r}, 2), or name the sides, Box([{self.lattice_dd!r}, {self.lattice_dd!r}])"
+                f"Box.cubic({brief(self.lattice_dd)}, 2), or name the sides, Box([...])"
             )
         else:
             lattice = finite_array("lattice_dd", self.lattice_dd, shape=(None, None), what="row")

@@ -25,6 +25,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 AtLimit = Literal["stick", "slip"]
 AT_LIMIT: tuple[AtLimit, ...] = get_args(AtLimit)
 _LARGEST = 2**63 - 1
+LARGEST_FLOAT = sys.float_info.max
 # bytes that a particle takes at least while something is done with it: coordinates, radii, its share of a pair list
 PARTICLE_BYTES = 200.0
 Word = TypeVar("Word", bound=str)
@@ -67,7 +68,7 @@ def finite_array(
         If the shape is wrong or an entry is not finite.
 
     """
-    array = np.array(_entries(name, value, "biuf", "real numbers"), dtype=np.float64, order="C")
+    array = np.array(entries(name, value, "biuf", "real numbers"), dtype=np.float64, order="C")
     if array.ndim != len(shape) or any(
         want is not None and want != have for want, have in zip(shape, array.shape, strict=True)
     ):
@@ -81,8 +82,8 @@ def finite_array(
     return array
 
 
-def _entries(name: str, value: ArrayLike, kinds: str, words: str) -> NDArray[Any]:
-    """Return a value as an array of one of the kinds of numpy's dtypes, or none at all; TypeError otherwise."""
+def entries(name: str, value: ArrayLike, kinds: str, words: str) -> NDArray[Any]:
+    """Return a value as an array of one of the kinds of numpy's dtypes, or without entries; TypeError otherwise."""
     try:
         array = np.asarray(value)
         known = array.dtype.kind in kinds or not array.size
@@ -95,6 +96,14 @@ def _entries(name: str, value: ArrayLike, kinds: str, words: str) -> NDArray[Any
     if hidden:
         raise TypeError(f"{name} must be an array of {words}, got a masked array that hides some of them")
     return array
+
+
+def given_shape(value: Any) -> tuple[int, ...]:
+    """Return the shape that numpy finds in a value; () where it finds none."""
+    try:
+        return np.shape(value)
+    except Exception:
+        return ()
 
 
 def positive_array(
@@ -113,7 +122,7 @@ def integer_array(
     name: str, value: ArrayLike, *, shape: Sequence[int | None], what: str = "particle"
 ) -> NDArray[np.int64]:
     """Return the value as a new int64 array after checking that it holds whole numbers in the required shape."""
-    given = _entries(name, value, "iu", "integers")
+    given = entries(name, value, "iu", "integers")
     finite_array(name, given, shape=shape, what=what, empty=True)
     bad = given > _LARGEST if given.dtype.kind == "u" else np.zeros(given.shape, dtype=bool)
     if bad.any():
@@ -124,7 +133,7 @@ def integer_array(
 
 def particle_mask(name: str, value: Any, particles: int) -> NDArray[np.bool_]:
     """Return True or False for each particle, as it is given; TypeError or ValueError otherwise."""
-    mask = _entries(name, value, "b", "booleans")
+    mask = entries(name, value, "b", "booleans")
     if mask.dtype != bool:
         raise TypeError(f"{name} must be True or False for each particle, got {brief(value)}")
     if mask.shape != (particles,):
@@ -337,9 +346,12 @@ def function(name: str, value: Any) -> None:
 
 def listed(name: str, value: Any, what: str) -> list[Any]:
     """Return the entries of a sequence after checking that it is one, and no text; `what` it holds, for the message."""
-    if isinstance(value, str | bytes) or not isinstance(value, Iterable):
-        raise TypeError(f"{name} must be a sequence of {what}, got {brief(value)}")
-    return list(value)
+    try:
+        if isinstance(value, str | bytes) or not isinstance(value, Iterable):
+            raise TypeError
+        return list(value)
+    except Exception:
+        raise TypeError(f"{name} must be a sequence of {what}, got {brief(value)}") from None
 
 
 def bin_edges(name: str, value: Any) -> int | NDArray[np.float64]:

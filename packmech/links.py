@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
-from packmech.check import brief, finite_array, positive_array
+from packmech.check import brief, entries, finite_array, positive_array
 from packmech.jit.compiled import kernel
 
 # images beyond this leave no digits of a position
@@ -176,7 +176,11 @@ class Links:
         pairs = named_pairs("link", "l", self.i_l, self.j_l, self.image_ld)
         count = len(pairs.i_p)
         length = positive_array("length_l", self.length_l, shape=(None,), what="link", empty=True)
-        given = np.zeros(count, dtype=bool) if self.shape_l is None else np.array(self.shape_l)
+        given = (
+            np.zeros(count, dtype=bool)
+            if self.shape_l is None
+            else np.array(entries("shape_l", self.shape_l, "b", "truth values"))
+        )
         if given.dtype != bool or given.ndim != 1:
             raise TypeError(f"shape_l must hold truth values, got {brief(self.shape_l)}")
         own: tuple[tuple[str, NDArray[Any]], ...] = (("length_l", length), ("shape_l", given))

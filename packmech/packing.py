@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.calls.display import shown
 from packmech.calls.honors import LINK_TOLERANCE, STRAINED
-from packmech.check import brief, finite_array, instance, integer_array, positive, positive_array
+from packmech.check import brief, finite_array, given_shape, instance, integer_array, positive, positive_array
 from packmech.links import Links, image_offsets
 from packmech.shapes import Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
@@ -51,7 +51,7 @@ def _box_of(box: Any, position_nd: Any) -> Box:
         raise ValueError(f"position_nd must have two or three components, got {d}")
     if isinstance(box, int | float | np.number) and not isinstance(box, bool):
         return Box.cubic(positive("box", box), d)
-    if isinstance(box, list | tuple | np.ndarray) and np.ndim(box) == 1 and len(box) == d:
+    if isinstance(box, list | tuple | np.ndarray) and given_shape(box) == (d,):
         return Box(positive_array("box", box, shape=(d,), what="side"))
     raise TypeError(f"box must be a Box, got {brief(box)} (one length, or those of its {d} sides, would do, too)")
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from packmech.calls.display import shown
-from packmech.check import BoxStrain, brief, instance, integer, one_of, positive, real, two_axes
+from packmech.check import LARGEST_FLOAT, BoxStrain, brief, instance, integer, one_of, positive, real, two_axes
 from packmech.effects import (
     BY_KIND,
     SIGNED,
@@ -685,7 +684,7 @@ def _check_numbers(where: str, record: Any, *, slack: bool = False) -> None:
                 _check_numbers(f"{where}.{name}", value)
         elif isinstance(record, Walls) and name == "axis" and isinstance(value, str):
             raise ValueError(f"{where}.axis must be 0, 1 or 2, for x, y or z, got {brief(value)}")
-        elif isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        elif isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST_FLOAT:
             raise ValueError(f"{where}.{name} must be a finite number, got {brief(value)}")
         elif name in ("energy_scale", "stiffness", "modulus") and value <= 0 and not (slack and value == 0):
             raise ValueError(f"{where}.{name} must be positive, got {brief(value)}")

@@ -347,7 +347,7 @@ def good(name, folder):
         "fit_power_law": lambda: {"size_g": [1.0, 2.0, 4.0], "value_g": [4.0, 2.0, 1.0], "error_g": [0.1, 0.1, 0.1]},
         "group_statistics": lambda: {"ensemble": pm.read_ensemble(folder / "ensemble"), "name": "value", "draws": 10},
         "read_ensemble": lambda: {"folder": folder / "ensemble"},
-        "resume_ensemble": lambda: {"folder": folder / "ensemble"},
+        "resume_ensemble": lambda: {"folder": folder / "ensemble", "trust": True},
         "run_ensemble": lambda: {
             "job": "calendar:leapdays",
             "grid": {"y1": 2000, "y2": 2010},

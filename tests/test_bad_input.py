@@ -719,6 +719,7 @@ BAD = {
     "group": COUNT,
     "part": ["3", "0/2", "3/2", 3, 0.5, ("1", "2")],
     "retry": SWITCH,
+    "trust": SWITCH,
     "members": [3, "x", ["no such folder"], [3], [["x"]]],
     "measures": [3, "value", [3], [touching()], [None], [abs], [lambda scene: 1.0]],
     "seeding": CHOICE,

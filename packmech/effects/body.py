@@ -85,7 +85,7 @@ class Gravity(_Gravity):
 
     def __new__(cls, x: float | None = None, y: float | None = None, z: float | None = None) -> Gravity:
         """Return the record: down, unless an axis is named."""
-        given = (x, y, z) if (x, y, z) != (None, None, None) else (0.0, -1.0, 0.0)
+        given = (x, y, z) if any(one is not None for one in (x, y, z)) else (0.0, -1.0, 0.0)
         return super().__new__(cls, *(0.0 if one is None else one for one in given))
 
     def body_force(

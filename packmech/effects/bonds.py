@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
-from packmech.check import brief, finite_array, instance, integer_array, one_of, positive_array, real
+from packmech.check import (
+    LARGEST_FLOAT,
+    brief,
+    entries,
+    finite_array,
+    instance,
+    integer_array,
+    one_of,
+    positive_array,
+    real,
+)
 from packmech.contacts import Contacts, find_contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, find_shape_contacts
 from packmech.effects.held import held_particles
@@ -117,8 +127,8 @@ def _limit(name: str, value: Any) -> float | tuple[float, ...] | None:
     for one in given:
         if isinstance(one, bool) or not isinstance(one, int | float | np.integer | np.floating):
             raise TypeError(f"{name} must be a number, or one for each bond, or None, got {brief(one)}")
-        if math.isnan(one) or one <= 0.0:
-            raise ValueError(f"{name} must be positive, got {brief(one)}")
+        if not one > 0.0 or LARGEST_FLOAT < one < math.inf:
+            raise ValueError(f"{name} must be positive, and a float64 or inf, got {brief(one)}")
         if name == "squeeze" and 1.0 <= one < math.inf:
             raise ValueError(
                 f"squeeze must be below 1, as no bond is shorter than 0, or inf for none, got {brief(one)}"
@@ -191,7 +201,7 @@ class Bonds:
     def __post_init__(self) -> None:
         i = integer_array("i_b", self.i_b, shape=(None,))
         j = integer_array("j_b", self.j_b, shape=i.shape)
-        image = np.asarray(self.image_bd)
+        image = entries("image_bd", self.image_bd, "iu", "integers")
         image = integer_array("image_bd", image, shape=(len(i), image.shape[1] if image.ndim == 2 else None))
         rest = finite_array("rest_length_b", self.rest_length_b, shape=i.shape, what="bond", empty=True)
         if len(rest):

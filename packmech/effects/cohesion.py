@@ -148,7 +148,8 @@ class DMT(NamedTuple):
         """Return what is wrong with the numbers; nothing is, where it is empty."""
         if not self.separation > 0.0:
             return f"separation must be positive, got {brief(self.separation)}"
-        return "" if self.cut > 0.0 else f"cut must be positive, got {brief(self.cut)}"
+        # nearer than that the force would be over before it begins, in double precision
+        return "" if self.cut > 1e-6 else f"cut must be positive, above 1e-6, got {brief(self.cut)}"
 
     def reach(self, partners: Partners) -> float:
         """Return the distance beyond which it is zero [length]."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import brief, finite_array
+from packmech.check import brief, finite_array, listed
 from packmech.effects.pair import bound_effect
 
 
@@ -51,9 +50,7 @@ class FixedParticles:
 
     def __post_init__(self) -> None:
         given = self.particles
-        if isinstance(given, str | bytes) or not isinstance(given, Iterable):
-            raise TypeError(f"particles must be the numbers of particles, got {brief(given)}")
-        numbers = list(given)
+        numbers = listed("particles", given, "numbers of particles")
         for k, one in enumerate(numbers):
             if isinstance(one, bool | np.bool_) or not isinstance(one, int | np.integer):
                 raise TypeError(f"particles must be whole numbers, got {brief(one)} at {k}")

@@ -10,7 +10,17 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.check import PARTICLE_BYTES, brief, finite_array, instance, integer, positive, positive_array, real
+from packmech.check import (
+    PARTICLE_BYTES,
+    brief,
+    finite_array,
+    given_shape,
+    instance,
+    integer,
+    positive,
+    positive_array,
+    real,
+)
 
 Pair = tuple[int, int]
 
@@ -282,7 +292,7 @@ Radii = float | tuple[float, ...]
 
 def _radii(radii: Any, beads: int) -> NDArray[np.float64]:
     """Return one radius for each bead, given by one number or by as many."""
-    if np.ndim(radii) == 0:
+    if not given_shape(radii):
         return np.full(beads, positive("radii", radii))
     checked = positive_array("radii", radii, shape=(None,), what="bead")
     if len(checked) != beads:

@@ -11,7 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.calls.honors import honors
-from packmech.check import PARTICLE_BYTES, brief, check_memory, clear_errors, instance, integer, one_of, positive, real
+from packmech.check import (
+    PARTICLE_BYTES,
+    brief,
+    check_memory,
+    clear_errors,
+    entries,
+    instance,
+    integer,
+    one_of,
+    positive,
+    real,
+)
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.packing import Packing, masses_of_density
 
@@ -277,9 +288,7 @@ def _repeats(repeats: int | Sequence[int] | None, dimension: int) -> list[int]:
 
 
 def _integer_matrix(supercell: ArrayLike, dimension: int) -> NDArray[np.int64]:
-    matrix = np.asarray(supercell)
-    if matrix.dtype.kind not in "iu":
-        raise TypeError(f"supercell must be an array of integers, got {brief(matrix.tolist())}")
+    matrix = entries("supercell", supercell, "iu", "integers")
     if matrix.shape != (dimension, dimension):
         raise ValueError(f"supercell must have shape ({dimension}, {dimension}), got {matrix.shape}")
     matrix = matrix.astype(np.int64)

@@ -17,6 +17,7 @@ from packmech.check import (
     finite_array,
     instance,
     integer,
+    listed,
     positive,
     positive_array,
     real,
@@ -208,9 +209,8 @@ class Mixture:
     def __post_init__(self) -> None:
         for name in ("ratios", "fractions"):
             values = getattr(self, name)
-            if isinstance(values, str) or not hasattr(values, "__iter__"):
-                raise TypeError(f"{name} must be a sequence of numbers, got {brief(values)}")
-            checked = tuple(positive(f"{name}[{k}]", value) for k, value in enumerate(values))
+            given = listed(name, values, "numbers")
+            checked = tuple(positive(f"{name}[{k}]", value) for k, value in enumerate(given))
             object.__setattr__(self, name, checked)
         if not self.ratios:
             raise ValueError("ratios must hold at least one number, got ()")

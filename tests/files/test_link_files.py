@@ -64,7 +64,7 @@ def test_only_a_file_with_links_is_of_the_version_that_older_readers_refuse(tmp_
 def test_links_without_one_of_their_arrays_are_refused(tmp_path):
     pm.write_packing(linked(), tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as archive:
-        arrays = {name: archive[name] for name in archive.files if name != "link_image_ld"}
+        arrays = {name: archive[name] for name in archive.files if name not in ("link_image_ld", "sha256")}
     np.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(ValueError, match="a.npz.*must hold all arrays of its links, got none named link_image_ld"):
         pm.read_packing(tmp_path / "a.npz")
