@@ -118,7 +118,7 @@ def test_a_cluster_is_rigid_if_its_links_leave_translations_and_rotations_only(p
         ),
         (([0, 1], [1], [[0, 0]] * 2, [1.0]), "j_l must have as many entries as i_l .2., got 1"),
         (([-1], [1], [[0, 0]], [1.0]), "i_l must not be negative, got -1 for link 0"),
-        (([0], [1], [[0, 0]], [1.0], [1]), "shape_l must hold truth values"),
+        (([0], [1], [[0, 0]], [1.0], [1]), "shape_l must be an array of truth values"),
     ],
 )
 def test_wrong_links_are_refused_naming_the_argument(arguments, message):

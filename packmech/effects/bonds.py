@@ -127,8 +127,10 @@ def _limit(name: str, value: Any) -> float | tuple[float, ...] | None:
     for one in given:
         if isinstance(one, bool) or not isinstance(one, int | float | np.integer | np.floating):
             raise TypeError(f"{name} must be a number, or one for each bond, or None, got {brief(one)}")
-        if not one > 0.0 or LARGEST_FLOAT < one < math.inf:
-            raise ValueError(f"{name} must be positive, and a float64 or inf, got {brief(one)}")
+        if not one > 0.0:
+            raise ValueError(f"{name} must be positive, got {brief(one)}")
+        if LARGEST_FLOAT < one < math.inf:
+            raise ValueError(f"{name} must be a number that a float64 holds, or inf, got {brief(one)}")
         if name == "squeeze" and 1.0 <= one < math.inf:
             raise ValueError(
                 f"squeeze must be below 1, as no bond is shorter than 0, or inf for none, got {brief(one)}"
