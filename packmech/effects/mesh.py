@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
-from packmech.check import brief, finite_array
+from packmech.check import brief, entries, finite_array
 from packmech.contacts.triangles import (
     EDGE,
     FACE,
@@ -171,8 +171,8 @@ class MeshWalls:
 
     def __post_init__(self) -> None:
         vertex = finite_array("vertices", self.vertices, shape=(None, 3), what="vertex")
-        number = np.asarray(self.triangles)
-        if number.ndim != 2 or number.shape[1] != 3 or not len(number) or number.dtype.kind not in "iu":
+        number = entries("triangles", self.triangles, "iu", "whole numbers")
+        if number.ndim != 2 or number.shape[1] != 3 or not len(number):
             raise ValueError(
                 f"triangles must be a (T, 3) array of whole numbers, the corners of each, got {brief(self.triangles)}"
             )

@@ -240,7 +240,11 @@ def histogram(value_r: NDArray[np.float64], *, bins: int | NDArray[np.float64] |
 
     """
     value = finite_array("value_r", value_r, shape=(None,), what="value")
-    count, edge = np.histogram(value, bins="fd" if bins is None else bin_edges("bins", bins))
+    given = None if bins is None else bin_edges("bins", bins)
+    try:
+        count, edge = np.histogram(value, bins="fd" if given is None else given)
+    except ValueError as error:
+        raise ValueError(f"value_r must differ by more than their rounding for so many bins: {error}") from None
     area = np.diff(edge) * max(1, count.sum())
     return Histogram(edge, count.astype(np.int64), count / area, np.sqrt(count) / area)
 
@@ -311,8 +315,12 @@ def fit_power_law(
     power = real("exponent", exponent)
     if power == 0.0:
         raise ValueError(f"exponent must differ from zero, where the law is its limit alone, got {brief(exponent)}")
+    with np.errstate(over="ignore", under="ignore"):
+        raised = size**power
+    if not (np.isfinite(raised) & (raised > 0.0)).all():
+        raise ValueError(f"exponent must be so small that sizes to its power are numbers, got {brief(exponent)}")
     value = finite_array("value_g", value_g, shape=size.shape, what="group")
-    slope, height, slope_error, height_error, chi = _missed(fit_line(size**power, value, error))
+    slope, height, slope_error, height_error, chi = _missed(fit_line(raised, value, error))
     return PowerLawFit(power, 0.0, slope, slope_error, height, height_error, chi)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import instance, positive, positive_array
+from packmech.check import given_shape, instance, positive, positive_array
 from packmech.files.snapshot import FIELD_WORDS, Snapshot
 
 # what formats may keep beside positions, radii, masses and the box
@@ -39,7 +39,7 @@ class Given(NamedTuple):
                 raise ValueError("radius must be given for each type, got {}")
             radius = {key: positive(f"radius[{key!r}]", value) for key, value in radius.items()}
         elif radius is not None:
-            one = np.ndim(radius) == 0
+            one = not given_shape(radius)
             radius = positive("radius", radius) if one else positive_array("radius", radius, shape=(None,))
         return Given(box, radius)
 

@@ -15,6 +15,7 @@ from packmech.check import (
     brief,
     clear_errors,
     finite_array,
+    given_shape,
     instance,
     integer,
     listed,
@@ -332,7 +333,7 @@ class Ellipses:
     aspect: float | tuple[float, ...]
 
     def __post_init__(self) -> None:
-        each = np.ndim(self.aspect) > 0
+        each = bool(given_shape(self.aspect))
         aspect = (
             tuple(positive_array("aspect", self.aspect, shape=(None,)).tolist())
             if each

@@ -13,7 +13,7 @@ from scipy.special import j0
 
 from packmech.calls.display import shown
 from packmech.calls.status import shown_as
-from packmech.check import brief, finite_array, instance, integer, positive
+from packmech.check import brief, entries, finite_array, instance, integer, positive
 from packmech.measure.displacements import displacements
 from packmech.measure.signals import mean_with_error
 from packmech.packing import Packing
@@ -100,7 +100,7 @@ def _chosen(particles: ArrayLike | None, count: int) -> NDArray[np.int64]:
     numbers = np.arange(count)
     if particles is None:
         return numbers
-    given = np.asarray(particles)
+    given = entries("particles", particles, "iub", "numbers or truth values")
     mask = given.dtype == bool and given.shape == (count,)
     inside = given.ndim == 1 and given.dtype.kind in "iu" and len(given) and 0 <= given.min() <= given.max() < count
     if not (mask and given.any()) and not inside:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.calls.display import shown, value_with_error
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import brief, finite_array, instance, integer, positive, real
+from packmech.check import brief, entries, finite_array, instance, integer, positive, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.jit.compiled import inlined, kernel
 from packmech.linalg.line import fit_line, windows_without_ends
@@ -325,10 +325,7 @@ class Correlation:
 
 def _components(value_n: ArrayLike, particles: int) -> NDArray[np.float64]:
     """Return the (N, Q) real components of real or complex values of the particles, checked."""
-    try:
-        value = np.asarray(value_n)
-    except ValueError:
-        raise TypeError(f"value_n must be an array of numbers, got {brief(value_n)}") from None
+    value = entries("value_n", value_n, "biufc", "numbers")
     if not value.ndim or not len(value):
         raise ValueError(f"value_n must have one entry for each of {particles} particles, got {brief(value_n)}")
     part = np.stack([value.real, value.imag], axis=-1) if np.iscomplexobj(value) else value
@@ -464,10 +461,7 @@ def correlation_length(
         raise ValueError(f"r_b must grow, got {r[b]} after {r[b - 1]} for bin {b}")
     if (count < 0.0).any():
         raise ValueError(f"count_b must not be negative, got {count.min()} for bin {int(np.argmin(count))}")
-    try:
-        full = np.asarray(value_b, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"value_b must be an array of real numbers, got {brief(value_b)}") from None
+    full = entries("value_b", value_b, "biuf", "real numbers").astype(np.float64)
     value = finite_array("value_b", np.where(np.isnan(full), 0.0, full), shape=(len(r),), what="bin")
     start, apart = real("r_min", r_min), real("separation", separation, at_least=0.0)
     top = np.flatnonzero((value[1:-1] > value[:-2]) & (value[1:-1] >= value[2:])) + 1

@@ -494,6 +494,10 @@ def write_scene(scene: Scene, path: PathLike, *, description: str = "") -> None:
             "leave them out with packing.replace(tangential=None)"
         )
     target = writable_file("path", path)
+    try:
+        description.encode("utf-8")
+    except UnicodeEncodeError:
+        raise ValueError(f"description must be a text without halves of letters, got {brief(description)}") from None
     tables: dict[str, Any] = {"description": description} if description else {}
     tables["packing"] = inline_table(scene.packing)
     tables["effects"] = [bonds_table(one) if isinstance(one, Bonds) else to_table(one) for one in scene.effects]

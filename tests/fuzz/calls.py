@@ -36,7 +36,7 @@ from arguments import call, good, parameters, public, write_files  # noqa: E402
 import packmech as pm  # noqa: E402
 
 # what a call on a handful of particles may take, with its code compiled, and what it may say
-SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 600
+SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 1000
 OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, FileNotFoundError)
 
 
