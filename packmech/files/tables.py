@@ -131,7 +131,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
     try:
         return read(found)
     # pyarrow's errors are ValueErrors and OSErrors
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, LookupError, ArithmeticError, AttributeError, TypeError) as error:
         raise ValueError(f"path must name a table of packmech, got {str(path)!r}: {error}") from error
 
 
@@ -187,7 +187,8 @@ def _read_parquet(path: Path) -> Table:
 def _write_csv(table: Table, path: Path) -> None:
     integers = [name for name, value in table.columns.items() if value.dtype == np.int64]
     texts = [name for name, value in table.columns.items() if value.dtype.kind == "U"]
-    head = {"about": dict(table.about), "units": dict(table.units), "integers": integers}
+    rows = len(next(iter(table.columns.values()), ()))
+    head = {"about": dict(table.about), "units": dict(table.units), "integers": integers, "rows": rows}
     head |= {"texts": texts} if texts else {}
     with open(path, "w", encoding="utf-8", newline="") as file:
         file.write(f"{_FIRST_LINE}{json.dumps(head)}\n")
@@ -203,7 +204,18 @@ def _read_csv(path: Path) -> Table:
         if not first.startswith(_FIRST_LINE):
             raise ValueError(f"its first line must start with {_FIRST_LINE!r}, got {brief(first[:40])}")
         head = json.loads(first[len(_FIRST_LINE) :])
-        names, *rows = csv.reader(file)
+        lines = list(csv.reader(file))
+    if not lines:
+        raise ValueError("its second line must hold the names of columns, got none")
+    names, *rows = lines
+    count = head.get("rows", len(rows))
+    if len(rows) != count:
+        raise ValueError(
+            f"it must hold {count} rows, as its first line says, got {len(rows)}: it was cut off or changed"
+        )
+    uneven = next((k for k, row in enumerate(rows) if len(row) != len(names)), None)
+    if uneven is not None:
+        raise ValueError(f"line {uneven + 3} must hold {len(names)} values, got {len(rows[uneven])}")
     columns: dict[str, Column] = {}
     for k, name in enumerate(names):
         if name in head["integers"]:

@@ -249,9 +249,9 @@ def calls(rng: np.random.Generator, names: list[str], count: int) -> Iterator[tu
 def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
     """Return what is wrong with one call; `hostile` names the values by parameter."""
     shown = f"{name}({', '.join(f'{field}=<{value}>' for field, value in hostile.items())})"
-    arguments = good(name, folder) | {field: HOSTILE[value]() for field, value in hostile.items()}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        arguments = good(name, folder) | {field: HOSTILE[value]() for field, value in hostile.items()}
         return judge(shown, lambda: call(name, arguments))
 
 

@@ -134,7 +134,7 @@ def originals(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
     run = pm.simulate(springs, steps=20, trace_every=5, dt=0.01, checkpoint=folder / "run.npz")
     found["run.npz"] = folder / "run.npz", lambda path: pm.resume(path, springs, steps=24).packing
     pm.write_table(run, folder / "trace.csv")
-    found["trace.csv"] = folder / "trace.csv", lambda path: dict(pm.read_table(path))
+    found["trace.csv"] = folder / "trace.csv", _columns
     (folder / "corner.off").write_text("OFF\n4 2 0\n0 0 0\n1 0 0\n0 1 0\n1 1 1\n3 0 1 2\n3 1 2 3\n")
     found["corner.off"] = folder / "corner.off", lambda path: pm.read_mesh(path).vertices
     pm.run_ensemble("calendar:leapdays", {"y1": 2000, "y2": [2010, 2020]}, folder / "ensemble", workers=1)
@@ -146,6 +146,11 @@ def originals(folder: Path) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
     ):
         found[name] = one, lambda path: _table(folder / "ensemble")
     return found
+
+
+def _columns(path: Path) -> dict[str, Any]:
+    found = pm.read_table(path)
+    return {name: found[name] for name in found.columns}
 
 
 def _table(folder: Path) -> dict[str, Any] | None:

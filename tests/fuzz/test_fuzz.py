@@ -1,0 +1,74 @@
+"""What chance finds: hostile calls and damaged files end well. More of them: python tests/fuzz/calls.py, files.py."""
+
+import warnings
+
+import numpy as np
+import pytest
+from arguments import public, write_files
+from fuzz.calls import HOSTILE, calls, run
+from fuzz.files import DAMAGES, damaged, originals
+
+# calls that compile little and return at once
+QUICK = (
+    *("Box", "Packing", "Links", "Mixture", "Bonds", "BondLimits", "Gravity", "Walls", "Friction", "Material"),
+    *(
+        "Materials",
+        "Beads",
+        "Spheroids",
+        "Cluster",
+        "FixedParticles",
+        "Langevin",
+        "JKR",
+        "DMT",
+        "MeshWalls",
+        "Ellipses",
+    ),
+    *("lattice_packing", "mandel_tensor", "mandel_vector", "bootstrap", "histogram", "fit_power_law", "Snapshot"),
+    *(
+        "mean_with_error",
+        "write_scene",
+        "write_packing",
+        "read_packing",
+        "read_table",
+        "Scene",
+        "TangentialDisplacements",
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp("hostile")
+    write_files(made)
+    return made
+
+
+def faults(asked, folder):
+    found = (run(name, hostile, folder) for name, hostile in asked)
+    return [f"{one.where} {one.call}: {one.what}" for one in found if one is not None]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_hostile_arguments_of_quick_calls_get_an_answer_or_one_clear_error(seed, folder):
+    assert set(QUICK) <= set(public())
+    assert faults(calls(np.random.default_rng(seed), list(QUICK), 1500), folder) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", public())
+def test_every_hostile_value_at_every_parameter_gets_an_answer_or_one_clear_error(name, folder):
+    from arguments import parameters
+
+    asked = [(name, {field: value}) for field in parameters(name) for value in HOSTILE]
+    assert faults(asked, folder) == []
+
+
+def test_damaged_files_are_read_as_they_were_or_refused_by_name_and_under_a_seal_as_nothing_else(tmp_path):
+    rng = np.random.default_rng(1)
+    found = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for name, (path, read) in originals(tmp_path).items():
+            for damage in DAMAGES:
+                found += [damaged(name, path, read, damage, rng)[0] for _ in range(3)]
+    assert [one for one in found if one] == []
