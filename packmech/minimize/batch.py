@@ -22,6 +22,7 @@ from packmech.minimize import batch_kernels as kernels
 from packmech.minimize.bodies_apart import separate
 from packmech.minimize.first_order.damped import DampedDynamics
 from packmech.minimize.first_order.fire import Fire, Fire2
+from packmech.minimize.minimizers import checked_minimizer
 from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.passes.shape_rows import shapes_of
 from packmech.minimize.program import OUTCOME_OF, Program, build_program
@@ -178,6 +179,7 @@ class QuenchBatch:
         method = Fire() if method is None else method
         if not isinstance(method, Fire | Fire2 | DampedDynamics):
             raise TypeError(f"method must be Fire(), Fire2() or DampedDynamics(), got {brief(method)}")
+        method = checked_minimizer(method)
         self._programs: list[Program] = []
         program = build_program(scene)
         self._axes = program.axes

@@ -79,8 +79,8 @@ def registered_minimizers() -> tuple[type, ...]:
     return tuple(_REGISTERED)
 
 
-def check_minimizer(method: Any) -> None:
-    """Check that the method is a minimizer, and each of its numbers.
+def checked_minimizer(method: Any) -> Any:
+    """Return the minimizer with its numbers as plain floats and ints, for which compiled loops exist.
 
     Raises
     ------
@@ -93,3 +93,6 @@ def check_minimizer(method: Any) -> None:
         raise TypeError(f"method must be a minimizer such as Fire() or LBFGS(), got {brief(method)}")
     if hasattr(method, "check"):
         method.check()
+    usual = getattr(method, "_field_defaults", {})
+    plain = {name: type(value)(getattr(method, name)) for name, value in usual.items() if type(value) in (int, float)}
+    return method._replace(**plain) if plain else method

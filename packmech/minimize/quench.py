@@ -30,7 +30,7 @@ from packmech.mechanics.stability import Stability, stability
 from packmech.minimize.bodies_apart import report_of_bodies, separate
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.first_order.lbfgs import LBFGS
-from packmech.minimize.minimizers import check_minimizer
+from packmech.minimize.minimizers import checked_minimizer
 from packmech.minimize.passes.kernels import Goal
 from packmech.minimize.program import Evaluation, Minimization, Minimizer, Program, build_program
 from packmech.minimize.second_order.newton import Newton, displaced, polish
@@ -148,7 +148,7 @@ def quench(
     tolerance = positive("force_tolerance", force_tolerance)
     instance("trace_positions", trace_positions, bool)
     if method is not None:
-        check_minimizer(method)
+        method = checked_minimizer(method)
     every = None if trace_every is None else integer("trace_every", trace_every, at_least=1)
     settings = run_settings(step_limit=step_limit, time_limit=time_limit, progress=progress, check=check)
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))

@@ -2,6 +2,7 @@
 
 import math
 import re
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -455,3 +456,13 @@ def test_the_path_of_steepest_descent_ends_where_a_stiff_method_with_the_exact_h
         assert path.status == "running"
     end = pm.quench(scene, force_tolerance=1e-8, method=pm.SteepestDescent(1e-8)).packing.position_nd
     assert np.abs(path.y - end.ravel()).max() < 1e-4
+
+
+def test_numbers_of_a_minimizer_in_any_form_give_the_same_bits():
+    packing = pm.random_packing(16, dimension=2, packing_fraction=0.9, seed=1)
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    plain, other = (
+        pm.quench(scene, force_tolerance=1e-6, method=method).packing.position_nd
+        for method in (pm.Fire(dt=0.25, delay=8.0), pm.Fire(dt=Fraction(1, 4), delay=np.array(8)))
+    )
+    assert np.array_equal(plain, other)
