@@ -364,6 +364,8 @@ from packmech.validation.work_precision import work_precision as work_precision
 from packmech.validation.work_precision import WorkPrecision as WorkPrecision
 from packmech.validation.work_precision import Trial as Trial
 from packmech.validation.work_precision import Answer as Answer
+from packmech.validation.settings import settings_for as settings_for
+from packmech.validation.cheapest import CheapestSettings as CheapestSettings
 
 # figures, pictures and recordings
 from packmech.plotting.plot import plot as plot
@@ -428,7 +430,7 @@ from packmech.jit.compiled import kernel as kernel
 #: reaction, support, floor, weight -> contact_forces, wall_contacts
 #: plastic, plasticity, plastic_events, yielding -> quasistatic_shear, local_yield_stress
 #: heap, pile, angle_of_repose -> settle, SettleDrive, Gravity, Friction
-#: convergence, order_of_convergence, accuracy, step_size -> work_precision, WorkPrecision, Outcome
+#: convergence, order_of_convergence, accuracy, step_size -> settings_for, work_precision, WorkPrecision, Outcome
 #: notebook, html -> plot
 #: import, load, open, read -> read_packing, read_trajectory, from_ase
 #: export, save, write -> write_packing, write_trajectory, to_ase

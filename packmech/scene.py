@@ -341,12 +341,15 @@ class JamDrive:
         Whether the box keeps its shape ("isotropic"), or every strain is "free".
     method
         What pm.jam takes, such as pm.StepHalving(increment=1e-3); None leaves the choice to it.
+    force_tolerance
+        Largest net force over mean contact force that counts as balance [1].
 
     """
 
     pressure: float | None = None
     strain: BoxStrain = "free"
     method: Any = None
+    force_tolerance: float = 1e-5
 
     def __post_init__(self) -> None:
         _check_fields(self)

@@ -36,6 +36,7 @@ VERBS = {
     "jam": "Jam a scene, say what the packing is, and leave a recording of it.",
     "run": "Do what a scene's own [drive] says, and report the result.",
     "analyze": "Examine a packing made elsewhere; nothing is moved.",
+    "accuracy": "Find the cheapest settings with which a scene's run is as exact as asked.",
     "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
     "scenes": "List, show or copy the scenes that ship inside the package.",
     "gallery": "List or run short scripts that each answer one question, with a figure.",

@@ -42,7 +42,8 @@ def _quench(drive: QuenchDrive, scene: Scene, *, frames: int, progress: Progress
 
 
 def _jam(drive: JamDrive, scene: Scene, *, progress: Progress) -> Run:
-    return jam(scene, pressure=drive.pressure, strain=drive.strain, method=drive.method, progress=progress, check=False)
+    named = {field.name: getattr(drive, field.name) for field in fields(drive)}
+    return jam(scene, **named, progress=progress, check=False)
 
 
 def _shear_stabilize(drive: ShearStabilizeDrive, scene: Scene, *, progress: Progress) -> Run:

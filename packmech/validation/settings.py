@@ -1,0 +1,501 @@
+"""The cheapest settings with which a run gives its figures to a stated accuracy, by trial against finer ones."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student
+
+from packmech.calls.status import Progress, check_progress, shows
+from packmech.check import brief, clear_errors, did_you_mean, instance, integer, positive
+from packmech.files.paths import PathLike
+from packmech.jit.compiled import compile_clock
+from packmech.result import Run
+from packmech.scene import Scene, scene_after
+from packmech.scenes import run as run_drive
+from packmech.scenes.recipes import is_random
+from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_of_tables
+from packmech.validation.cheapest import CheapestSettings, SettingTrial
+from packmech.validation.knobs import Knob, given_knobs, of_a_duration, set_fields, usual_knobs
+from packmech.validation.targets import Target, read_targets
+from packmech.view.report import examine
+
+# share of the starts whose error must be within the target [1]
+_SHARE = 0.9
+# a value finer helps where it leaves at most this part of an error [1]; told from so many values
+_HELPS, _TRIED = 0.8, 3
+# starts after which settings may be given up, and errors that are, in units of the target
+_FEW, _FAR = 3, 3.0
+# references may fail so many times in a row, with finer settings each time
+_UNSOUND = 2
+# repeats beyond these are no answer
+_MOST_REPEATS = 1_000_000
+
+
+@clear_errors
+def settings_for(
+    scene: Scene | PathLike,
+    target: str | Sequence[str] | Mapping[str, float],
+    *,
+    knobs: Mapping[str, Sequence[Any]] | None = None,
+    starts: int = 10,
+    seed: int = 0,
+    mean: bool = False,
+    time_limit: float | None = None,
+    progress: Progress = None,
+) -> CheapestSettings:
+    """Return the cheapest settings with which the run of a scene gives its figures to a stated accuracy.
+
+    Settings are tried from the cheapest on, from several starts, and compared with runs of the same starts with finer
+    ones, which become finer still until some settings meet the target or nothing helps any more. The target is met
+    where at least nine in ten of the starts are within it, and another start is expected to be with a probability of
+    nine tenths at least (Student's distribution of a further value). Differences from the reference are taken for
+    larger by what a reference of first order lacks. Of all settings of the grid that was searched the chosen one is
+    the cheapest that meets the target.
+
+    Parameters
+    ----------
+    scene
+        A scene with a drive; or a scene's file, or the name of one that ships, whose random start is drawn anew for
+        each start. A scene itself has one start, for which settings count only where finer ones meet the target, too.
+    target
+        Figures and how far each may be off, as "storage_modulus:1%", several parted by commas, or as
+        {"storage_modulus": 0.01}; of a figure's value, or as it is, "contacts:2 absolute". Figures are those of the
+        run and of the report (`packmech run --json`); of one with several entries the largest counts.
+    knobs
+        Values of fields of the drive, each from coarse to fine, the last for the reference, in place of the usual ones:
+        {"drive.dt": (0.1, 0.05, 0.0125)}.
+    starts
+        How many starts to try. One: as for a scene itself.
+    seed
+        Of the first start; the others follow.
+    mean
+        Whether the figures are means over starts: how many of them the mean takes is then one of the settings, and the
+        error is that of the mean.
+    time_limit
+        Stop after so much CPU time [s]; what was found until then is not met.
+    progress
+        Called as progress(stage, figures); None shows a line.
+
+    Returns
+    -------
+    CheapestSettings
+        With `met`, which must be looked at; with all that was tried.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Naming the argument; of a figure that the run does not give, with those that it does.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> packing = pm.random_packing(32, dimension=2, packing_fraction=0.95, seed=1)
+    >>> scene = pm.Scene(packing, (pm.Repulsion(),), pm.QuenchDrive(method=pm.Fire()))
+    >>> found = pm.settings_for(scene, "energy:0.1%")
+    >>> found.met, 1e-13 < found.scene.drive.force_tolerance < 1e-1
+    (True, True)
+
+    """
+    count, first = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
+    targets = read_targets(target)
+    if isinstance(scene, Scene):
+        draws: list[Callable[[], Scene]] = [lambda: scene]
+    else:
+        draws = starts_of(*read_scene_tables(scene), str(scene), count, first)
+    with shows("settings", check_progress(progress), after=0.0) as say:
+        return search_settings(draws, targets, knobs, mean=mean, time_limit=time_limit, say=say)
+
+
+def search_settings(
+    starts: Sequence[Callable[[], Scene]],
+    targets: tuple[Target, ...],
+    knobs: Mapping[str, Sequence[Any]] | None,
+    *,
+    mean: bool,
+    time_limit: float | None,
+    say: Callable[..., Any],
+) -> CheapestSettings:
+    """Return what `settings_for` does, for functions that give the starts."""
+    instance("mean", mean, bool)
+    limit = None if time_limit is None else positive("time_limit", time_limit)
+    with compile_clock() as compiling:
+        return _Search(starts, targets, knobs, mean, limit).run(say, compiling)
+
+
+def starts_of(tables: Mapping[str, Any], folder: Path, name: str, count: int, seed: int) -> list[Callable[[], Scene]]:
+    """Return functions that give the starts of a scene file: its random start from seeds in a row, or else its one."""
+    if not is_random(tables):
+        return [lambda: scene_of_tables(dict(tables), folder, name=name)]
+    return [
+        lambda k=k: scene_of_tables(changed_tables(tables, seed=seed + k), folder, name=name)  # type: ignore[misc]
+        for k in range(count)
+    ]
+
+
+class _Search:
+    """Trials of settings from several starts, against a reference that becomes finer as it must.
+
+    Settings are places: the number of a value for each knob.
+    """
+
+    def __init__(
+        self,
+        starts: Sequence[Callable[[], Scene]],
+        targets: tuple[Target, ...],
+        knobs: Mapping[str, Sequence[Any]] | None,
+        mean: bool,
+        time_limit: float | None,
+    ) -> None:
+        first = starts[0]()
+        if first.drive is None:
+            raise ValueError("scene must have a drive to be run, got none")
+        self.starts = [of_a_duration(one) for one in (first, *(start() for start in starts[1:]))]
+        first = self.starts[0]
+        if mean and len(self.starts) < 2:
+            raise ValueError("mean must be False for a scene with one start, got True")
+        self.targets, self.mean, self.time_limit = targets, mean, time_limit
+        self.knobs = usual_knobs(first) if knobs is None else given_knobs(first, knobs)
+        if not self.knobs:
+            raise ValueError(
+                f"knobs must be given for a drive that has none of the usual ones, got {type(first.drive).__name__}"
+            )
+        # how much a difference from the reference lacks of the error
+        self.lacking = 1.0 / (1.0 - max(knob.reference_share for knob in self.knobs))
+        self.caps = tuple(knob.first_cap for knob in self.knobs)
+        self.ran: dict[tuple[tuple[int, ...], int], tuple[dict[str, Any], str, float]] = {}
+        self.warm: set[tuple[int, ...]] = set()
+        self.unsound, self.began = 0, time.process_time()
+
+    def run(self, say: Callable[..., Any], compiling: Callable[[], float]) -> CheapestSettings:
+        """Return the cheapest settings that meet the target."""
+        self.say, self.compiling = say, compiling
+        trials: dict[tuple[int, ...], SettingTrial] = {}
+        why_not = ""
+        try:
+            while True:
+                best = self._cheapest(trials)
+                if best is not None:
+                    break
+                finer = self._finer(trials)
+                if isinstance(finer, str):
+                    why_not = finer
+                    break
+                self.caps, trials = finer, {}
+        except _TimeUpError:
+            best, why_not = None, f"the time limit of {self.time_limit:g} s ran out"
+        except KeyboardInterrupt as stop:
+            stop.found = self._result(None, trials, "interrupted")  # type: ignore[attr-defined]
+            raise
+        return self._result(best, trials, why_not)
+
+    def _result(
+        self, best: tuple[int, ...] | None, trials: Mapping[tuple[int, ...], SettingTrial], why_not: str
+    ) -> CheapestSettings:
+        place = best
+        if place is None:
+            place = max(trials, key=lambda one: (sum(one), one), default=(0,) * len(self.knobs))
+        chosen = trials.get(place)
+        changes = self._changes(place)
+        return CheapestSettings(
+            scene=set_fields(self.starts[0], changes),
+            changes=changes,
+            repeats=1 if chosen is None else max(1, chosen.repeats),
+            met=best is not None,
+            why_not=why_not,
+            targets=self.targets,
+            trials=tuple(trials.values()),
+            paths=tuple(knob.path for knob in self.knobs),
+            reference=tuple(knob.label(k) for knob, k in zip(self.knobs, self._reference, strict=True)),
+            starts=len(self.starts),
+            seconds=time.process_time() - self.began,
+        )
+
+    @property
+    def _reference(self) -> tuple[int, ...]:
+        """The place of the reference: of alternatives the first, and finer than the finest settings that are tried."""
+        return tuple(knob.reference(cap) for knob, cap in zip(self.knobs, self.caps, strict=True))
+
+    def _changes(self, place: tuple[int, ...]) -> dict[str, Any]:
+        return {knob.path: knob.values[k] for knob, k in zip(self.knobs, place, strict=True)}
+
+    def _cheapest(self, trials: dict[tuple[int, ...], SettingTrial]) -> tuple[int, ...] | None:
+        """Return the cheapest place within the caps that meets the target, if one does; keep what was tried.
+
+        Places are tried by what they cost at the least: as much as the places that are coarser in one knob.
+        """
+        best: tuple[int, ...] | None = None
+        waiting = {place: 0.0 for place in itertools.product(*(self._first(knob) for knob in self.knobs))}
+        while waiting:
+            place = min(waiting, key=lambda one: (waiting[one], one))
+            least = waiting.pop(place)
+            if best is not None and least >= trials[best].cost:
+                break
+            trial = trials[place] = self._trial(place)
+            if trial.meets and len(self.starts) == 1:
+                trial = trials[place] = self._confirmed(place, trial, trials)
+            if trial.meets and (best is None or trial.cost < trials[best].cost):
+                best = place
+            for k, knob in enumerate(self.knobs):
+                finer = (*place[:k], place[k] + 1, *place[k + 1 :])
+                if not knob.alternatives and finer[k] <= self.caps[k]:
+                    waiting[finer] = max(trial.seconds, waiting.get(finer, 0.0))
+        return best
+
+    @staticmethod
+    def _first(knob: Knob) -> Sequence[int]:
+        return range(len(knob.values)) if knob.alternatives else (0,)
+
+    def _confirmed(
+        self, place: tuple[int, ...], trial: SettingTrial, trials: dict[tuple[int, ...], SettingTrial]
+    ) -> SettingTrial:
+        """Return a trial from one start, which counts where the next finer settings meet the target, too."""
+        for k, knob in enumerate(self.knobs):
+            finer = (*place[:k], place[k] + 1, *place[k + 1 :])
+            if knob.alternatives or (place[k] == self.caps[k] == knob.last):
+                continue
+            if finer[k] <= self.caps[k] and finer not in trials:
+                trials[finer] = self._trial(finer)
+            if finer not in trials or not trials[finer].meets:
+                return replace(trial, meets=False, repeats=0)
+        return trial
+
+    def _finer(self, trials: Mapping[tuple[int, ...], SettingTrial]) -> tuple[int, ...] | str:
+        """Return the caps with the knobs finer that make errors smaller; or why nothing does, in words."""
+        rising = [k for k, knob in enumerate(self.knobs) if not knob.alternatives and self.caps[k] < knob.last]
+        if not rising:
+            return "no settings of the grid meet the target"
+        wrong = self._ran(self._reference, 0)[1]
+        self.unsound = self.unsound + 1 if wrong else 0
+        if self.unsound > _UNSOUND:
+            return f"runs with finer settings do not end well: {wrong}"
+        corner = tuple(0 if knob.alternatives else cap for knob, cap in zip(self.knobs, self.caps, strict=True))
+        here = self._size(trials[corner])
+        if not math.isfinite(here):
+            helpful = rising[:1]
+        else:
+            helpful = [k for k in rising if here <= 1.0 or self._helps(k, corner, trials)]
+        if not helpful:
+            return f"finer settings no longer help: errors stay at {here:.2g} of the target"
+        return tuple(cap + (k in helpful) for k, cap in enumerate(self.caps))
+
+    def _helps(self, k: int, corner: tuple[int, ...], trials: Mapping[tuple[int, ...], SettingTrial]) -> bool:
+        """Whether errors fall with a knob, judged by its last values; of few values it is not known yet, and tried."""
+        if self.caps[k] < _TRIED:
+            return True
+        sizes = [
+            self._size(trials[(*corner[:k], j, *corner[k + 1 :])])
+            for j in range(self.caps[k] - _TRIED, self.caps[k] + 1)
+        ]
+        return any(sizes[-1] <= _HELPS**n * sizes[-1 - n] for n in range(1, _TRIED + 1))
+
+    def _size(self, trial: SettingTrial) -> float:
+        """Return the error of a trial over its target, the largest of all figures, in the middle of the starts."""
+        errors = ((np.median(np.abs(trial.errors[one.figure])), one.error) for one in self.targets)
+        return max(float(error) / max(bound, np.finfo(float).tiny) for error, bound in errors)
+
+    def _trial(self, place: tuple[int, ...]) -> SettingTrial:
+        """Return what a place costs and how far its figures are off, from as many starts as it takes to tell."""
+        errors: dict[str, list[float]] = {one.figure: [] for one in self.targets}
+        values: dict[str, list[Any]] = {one.figure: [] for one in self.targets}
+        seconds, failed = [], ""
+        for start in range(len(self.starts)):
+            figures, wrong, cost = self._ran(place, start)
+            true, unsound, _ = self._ran(self._reference, start)
+            if unsound:
+                wrong = wrong or f"the reference: {unsound}"
+            seconds.append(cost)
+            failed = failed or wrong
+            for one in self.targets:
+                off = math.inf if wrong else self.lacking * one.error_of(figures[one.figure], true[one.figure])
+                errors[one.figure].append(off)
+                values[one.figure].append(figures.get(one.figure))
+            if (
+                start + 1 >= _FEW
+                and not self.mean
+                and any(self._hopeless(one, errors[one.figure]) for one in self.targets)
+            ):
+                break
+        shares = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
+        counted = len(seconds) == len(self.starts)
+        repeats = 1 if counted and min(shares.values()) >= _SHARE else 0
+        if self.mean:
+            needed = [self._repeats(one, errors[one.figure], values[one.figure]) for one in self.targets]
+            repeats = max(needed) if all(needed) else 0
+        return SettingTrial(
+            changes=self._changes(place),
+            labels=tuple(knob.label(k) for knob, k in zip(self.knobs, place, strict=True)),
+            seconds=float(np.mean(seconds)),
+            errors={name: tuple(found) for name, found in errors.items()},
+            share=shares,
+            repeats=repeats,
+            meets=repeats > 0,
+            failed=failed,
+        )
+
+    @staticmethod
+    def _hopeless(target: Target, errors: Sequence[float]) -> bool:
+        """Whether all errors are far outside, so that further starts need not be tried."""
+        return min(map(abs, errors)) > _FAR * target.error
+
+    def _repeats(self, target: Target, errors: Sequence[float], values: Sequence[Any]) -> int:
+        """Return how many starts a mean takes to be within the target; 0 where none do."""
+        if not np.isfinite(errors).all():
+            return 0
+        found = np.array([np.asarray(value, dtype=float).ravel() for value in values])
+        references = [self._ran(self._reference, k)[0][target.figure] for k in range(len(found))]
+        true = np.array([np.asarray(value, dtype=float).ravel() for value in references])
+        scale = 1.0 if target.absolute else float(np.abs(true.mean(axis=0)).max())
+        if not scale > 0.0:
+            return 0
+        # the reference is the mean over the same starts: its own scatter cancels in the shift, not in what a mean has
+        shift = self.lacking * (found - true) / scale
+        bias, unsure = np.abs(shift.mean(axis=0)).max(), shift.std(axis=0, ddof=1).max() / math.sqrt(len(found))
+        scatter = float((found.std(axis=0, ddof=1) / scale).max())
+        return fewest_repeats(float(bias), float(unsure), scatter, target.error, len(found))
+
+    def _ran(self, place: tuple[int, ...], start: int) -> tuple[dict[str, Any], str, float]:
+        """Return the figures of a run, what was wrong with it, and its CPU time without compiling; each is run once."""
+        key = (place, start)
+        if key not in self.ran:
+            self._look_at_the_clock()
+            labels = ", ".join(knob.label(k) for knob, k in zip(self.knobs, place, strict=True))
+            self.say(f"{labels}; start {start + 1} of {len(self.starts)}", {})
+            scene = set_fields(self.starts[start], self._changes(place))
+            way = tuple(k for k, knob in zip(place, self.knobs, strict=True) if knob.alternatives)
+            if way not in self.warm:
+                # the first run of a kind loads its loops, which is no cost of its settings
+                self._measure(scene)
+                self.warm.add(way)
+            self.ran[key] = self._measure(scene)
+        return self.ran[key]
+
+    def _look_at_the_clock(self, *_: Any) -> None:
+        if self.time_limit is not None and time.process_time() - self.began > self.time_limit:
+            raise _TimeUpError
+
+    def _measure(self, scene: Scene) -> tuple[dict[str, Any], str, float]:
+        began, compiled = time.process_time(), self.compiling()
+        try:
+            done = run_drive(scene, progress=self._look_at_the_clock)
+        except (ValueError, ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
+            return {}, str(error).partition("\n")[0], time.process_time() - began
+        figures = self._figures(done, scene)
+        seconds = time.process_time() - began - (self.compiling() - compiled)
+        runs = done.runs if hasattr(done, "runs") else [done]
+        wrong = next((one.outcome.value for one in runs if isinstance(one, Run) and not one.ok), "")
+        return figures, wrong, max(seconds, 1e-6)
+
+    def _figures(self, done: Any, scene: Scene) -> dict[str, Any]:
+        """Return the figures of the targets, of the run or of the report on its end."""
+        named = done.to_dict()
+        strain = getattr(scene.drive, "examined_strain", None)
+        if strain is not None and any(one.figure not in named for one in self.targets):
+            modes = 10 if any(one.figure == "lowest_frequencies" for one in self.targets) else 0
+            named |= examine(
+                scene_after(done, scene), run=done, strain=strain, modes=modes, progress=self._look_at_the_clock
+            ).to_dict()
+        found = {}
+        for one in self.targets:
+            if one.figure not in named:
+                known = [name for name, value in named.items() if _is_number(value)]
+                raise _UnknownFigureError(
+                    f"target must name figures of the run, one of {', '.join(known)}, got "
+                    f"{brief(one.figure)}{did_you_mean(one.figure, known)}"
+                )
+            if not _is_number(named[one.figure]):
+                raise _UnknownFigureError(
+                    f"target must name a number, got {one.figure!r}, which is {brief(named[one.figure])}"
+                )
+            found[one.figure] = named[one.figure]
+        return found
+
+
+class _TimeUpError(Exception):
+    """The time limit ran out."""
+
+
+class _UnknownFigureError(TypeError):
+    """A figure that the run does not give."""
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return False
+    return array.dtype.kind in "iuf" and array.size > 0
+
+
+def share_within(errors: Sequence[float], bound: float) -> float:
+    """Return the share of further errors that are expected within a bound, after those that were seen.
+
+    Of a normal distribution whose mean and width are known from n values only, a further value follows Student's
+    distribution with n - 1 degrees of freedom, wider by sqrt(1 + 1 / n). Where fewer than nine tenths of those that
+    were seen are within, the share is theirs.
+
+    Examples
+    --------
+    >>> share_within([0.01], 0.02), share_within([0.03], 0.02)
+    (1.0, 0.0)
+    >>> round(share_within([0.0, 1.0, -1.0, 0.5, -0.5], 2.5), 3)
+    0.954
+
+    """
+    seen = np.array(errors)
+    within = float(np.mean(np.abs(seen) <= bound))
+    if len(seen) < 2 or within < _SHARE or not np.isfinite(seen).all():
+        return within
+    width = float(seen.std(ddof=1)) * math.sqrt(1.0 + 1.0 / len(seen))
+    if width == 0.0:
+        return within
+    middle = float(seen.mean())
+    low, high = (student.cdf((side * bound - middle) / width, len(seen) - 1) for side in (-1.0, 1.0))
+    return float(high - low)
+
+
+def fewest_repeats(bias: float, unsure: float, scatter: float, bound: float, starts: int) -> int:
+    """Return the fewest repeats whose mean is within a bound with a probability of nine tenths; 0 where none are.
+
+    Parameters
+    ----------
+    bias, unsure
+        How far the mean of the settings is off, and the standard error of that.
+    scatter
+        Standard deviation between starts, in the units of the bound.
+    bound, starts
+        The bound, and from how many starts all this is known.
+
+    Examples
+    --------
+    The mean of n values of scatter 1 is within 0.1 with a probability of nine tenths for n near (1.645 / 0.1)^2:
+
+    >>> fewest_repeats(0.0, 0.0, 1.0, 0.1, 10**6)
+    271
+    >>> fewest_repeats(0.2, 0.0, 1.0, 0.1, 10)
+    0
+
+    """
+
+    def share(repeats: float) -> float:
+        width = math.sqrt(scatter**2 / repeats + unsure**2)
+        if width == 0.0:
+            return float(bias <= bound)
+        low, high = (student.cdf((side * bound - bias) / width, starts - 1) for side in (-1.0, 1.0))
+        return float(high - low)
+
+    if not share(_MOST_REPEATS) >= _SHARE:
+        return 0
+    low, high = 0, 1
+    while not share(high) >= _SHARE:
+        low, high = high, 2 * high
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if share(middle) >= _SHARE else (middle, high)
+    return high
