@@ -27,7 +27,7 @@ class SettingTrial:
     changes
         The settings, by path of the field.
     seconds
-        CPU time of one run, in the mean, without compiling [s].
+        CPU time of one run, the median, without compiling [s].
     errors
         By figure, of each start: what its target measures, infinite where a run failed.
     share

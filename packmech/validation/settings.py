@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -331,7 +332,7 @@ class _Search:
         return SettingTrial(
             changes=self._changes(place),
             labels=tuple(knob.label(k) for knob, k in zip(self.knobs, place, strict=True)),
-            seconds=float(np.mean(seconds)),
+            seconds=float(np.median(seconds)),
             errors={name: tuple(found) for name, found in errors.items()},
             share=shares,
             repeats=repeats,
