@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -180,34 +180,22 @@ class CheapestSettings:
 
 
 def _draw(axes: Any, target: Target, found: CheapestSettings) -> None:
-    """Draw the errors of one figure against the cost; settings that differ in the last knob alone are joined."""
-    for index, (kept, group) in enumerate(_lines(found.trials).items()):
-        points = [(one.cost, one.error(target.figure), one.meets) for one in group if one.error(target.figure) > 0.0]
-        points = [point for point in points if math.isfinite(point[1])]
-        if not points:
-            continue
+    """Draw the errors of one figure against the cost; settings that differ in the first knob alone are joined."""
+    lines: dict[tuple[str, ...], list[SettingTrial]] = {}
+    for one in found.trials:
+        if 0.0 < one.error(target.figure) < math.inf:
+            lines.setdefault(one.labels[1:], []).append(one)
+    for index, (kept, trials) in enumerate(lines.items()):
         color = COLORS[index % len(COLORS)]
-        seconds, errors, _ = zip(*points, strict=True)
+        seconds, errors = [one.cost for one in trials], [one.error(target.figure) for one in trials]
         axes.plot(seconds, errors, color=color, lw=1.0, label=", ".join(kept) or None)
-        for cost, error, meets in points:
-            axes.plot(cost, error, MARKERS[0], color=color, mfc=color if meets else "white", ms=6)
+        for x, y, one in zip(seconds, errors, trials, strict=True):
+            axes.plot(x, y, MARKERS[0], color=color, mfc=color if one.meets else "white", ms=6)
     axes.axhline(target.error, color="0.5", lw=0.8, ls="--")
     unit = "" if target.absolute else "relative "
     axes.set(xscale="log", yscale="log", xlabel="CPU time [s]", ylabel=f"{unit}error", title=target.figure)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=7, frameon=False)
-
-
-def _lines(trials: Sequence[SettingTrial]) -> dict[tuple[str, ...], list[SettingTrial]]:
-    """Return trials by all their settings but the one that takes most values, each in the order of cost."""
-    if not trials:
-        return {}
-    columns = list(zip(*(one.labels for one in trials), strict=True))
-    longest = max(range(len(columns)), key=lambda k: len(set(columns[k])))
-    found: dict[tuple[str, ...], list[SettingTrial]] = {}
-    for one in sorted(trials, key=lambda trial: trial.cost):
-        found.setdefault(tuple(label for k, label in enumerate(one.labels) if k != longest), []).append(one)
-    return found
 
 
 def plain(value: Any) -> Any:

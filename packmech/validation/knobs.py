@@ -21,6 +21,8 @@ _COARSEST = 0.2
 _RUNGS = 16
 # a reference is so many settings finer than what is compared with it
 _BEYOND = 2
+# of settings that cost twice as much each, and of tolerances, how much finer each is
+_DOUBLED, _DECADE = 2.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,11 @@ class Knob:
     def reference(self, cap: int) -> int:
         """Return the place of the reference for settings up to a cap; of alternatives the first is trusted."""
         return 0 if self.alternatives else cap + _BEYOND if self.factor else len(self.values) - 1
+
+    @property
+    def costs(self) -> bool:
+        """Whether finer values are sure to cost more: a loose tolerance may cost more than a tight one."""
+        return self.factor == _DOUBLED
 
     @property
     def reference_share(self) -> float:
@@ -106,7 +113,7 @@ def usual_knobs(scene: Scene) -> tuple[Knob, ...]:
         if len(values) > 1:
             found.append(Knob(f"drive.{name}", tuple(values), alternatives, factor))
     # where runs fail the first is made finer: time steps
-    return tuple(sorted(found, key=lambda knob: knob.path != "drive.dt"))
+    return tuple(sorted(found, key=lambda knob: (knob.alternatives, knob.path != "drive.dt")))
 
 
 def given_knobs(scene: Scene, knobs: Mapping[str, Sequence[Any]]) -> tuple[Knob, ...]:
@@ -136,16 +143,16 @@ _Maker = Callable[[Scene, Any, Mapping[str, Any]], _Values]
 _NONE: _Values = ((), False, 0.0)
 
 
-def _doubled(first: float, growth: float, more: float = 0.0) -> _Values:
-    """Return values that grow, or fall, by a factor, after a part that stays."""
-    return [more + first * growth**k for k in range(_RUNGS)], False, max(growth, 1.0 / growth)
+def _by_two(first: float, growth: float, more: float = 0.0) -> _Values:
+    """Return values that double, or halve, after a part that stays."""
+    return [more + first * growth**k for k in range(_RUNGS)], False, _DOUBLED
 
 
 def _time_steps(scene: Scene, value: float | None, named: Mapping[str, Any]) -> _Values:
     if named.get("rate", 0.0) is None:  # a deformation without a rate has no time
         return _NONE
     longest = choose_time_step(scene, _COARSEST) if value is None else 4.0 * value
-    return _doubled(longest, 0.5)
+    return _by_two(longest, 0.5)
 
 
 def _integrators(scene: Scene, value: Any, named: Mapping[str, Any]) -> _Values:
@@ -158,30 +165,30 @@ def _minimizers(scene: Scene, value: Any, named: Mapping[str, Any]) -> _Values:
 
 
 def _tolerances(scene: Scene, value: float, named: Mapping[str, Any]) -> _Values:
-    return [float(f"1e-{k}") for k in range(1, _RUNGS)], False, 10.0
+    return [float(f"1e-{k}") for k in range(1, _RUNGS)], False, _DECADE
 
 
 def _periods(scene: Scene, value: float, named: Mapping[str, Any]) -> _Values:
-    return _doubled(1.0, 2.0, float(math.ceil(named.get("skip_periods") or 0.0)))
+    return _by_two(1.0, 2.0, float(math.ceil(named.get("skip_periods") or 0.0)))
 
 
 def _strains(scene: Scene, value: float, named: Mapping[str, Any]) -> _Values:
     skipped = named["skip_strain"]
-    return _doubled(0.25 * (value - skipped), 2.0, skipped)
+    return _by_two(0.25 * (value - skipped), 2.0, skipped)
 
 
 def _strain_steps(scene: Scene, value: int | None, named: Mapping[str, Any]) -> _Values:
     if named["rate"] is not None:
         return _NONE
-    return [4 * 2**k for k in range(_RUNGS)], False, 2.0
+    return [4 * 2**k for k in range(_RUNGS)], False, _DOUBLED
 
 
 def _orders(scene: Scene, value: int, named: Mapping[str, Any]) -> _Values:
-    return [2**k for k in range(_RUNGS)], False, 2.0
+    return [2**k for k in range(_RUNGS)], False, _DOUBLED
 
 
 def _link_steps(scene: Scene, value: float, named: Mapping[str, Any]) -> _Values:
-    return _doubled(0.2, 0.5)
+    return _by_two(0.2, 0.5)
 
 
 # by kind of drive and field; a field of any drive first

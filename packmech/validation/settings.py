@@ -73,7 +73,7 @@ def settings_for(
         Values of fields of the drive, each from coarse to fine, the last for the reference, in place of the usual ones:
         {"drive.dt": (0.1, 0.05, 0.0125)}.
     starts
-        How many starts to try. One: as for a scene itself.
+        How many starts to try; what is chosen is confirmed with as many others. One: as for a scene itself.
     seed
         Of the first start; the others follow.
     mean
@@ -131,12 +131,12 @@ def search_settings(
 
 
 def starts_of(tables: Mapping[str, Any], folder: Path, name: str, count: int, seed: int) -> list[Callable[[], Scene]]:
-    """Return functions that give the starts of a scene file: its random start from seeds in a row, or else its one."""
+    """Return functions that give the starts of a scene file, and as many to confirm; of what is not random one."""
     if not is_random(tables):
         return [lambda: scene_of_tables(dict(tables), folder, name=name)]
     return [
         lambda k=k: scene_of_tables(changed_tables(tables, seed=seed + k), folder, name=name)  # type: ignore[misc]
-        for k in range(count)
+        for k in range(2 * count if count > 1 else 1)
     ]
 
 
@@ -157,9 +157,12 @@ class _Search:
         first = starts[0]()
         if first.drive is None:
             raise ValueError("scene must have a drive to be run, got none")
-        self.starts = [of_a_duration(one) for one in (first, *(start() for start in starts[1:]))]
-        first = self.starts[0]
-        if mean and len(self.starts) < 2:
+        self.scenes = [of_a_duration(one) for one in (first, *(start() for start in starts[1:]))]
+        first = self.scenes[0]
+        # the second half confirms what is chosen from the first
+        half = (len(starts) + 1) // 2
+        self.starts, self.further = range(half), range(half, len(starts))
+        if mean and half < 2:
             raise ValueError("mean must be False for a scene with one start, got True")
         self.targets, self.mean, self.time_limit = targets, mean, time_limit
         self.knobs = usual_knobs(first) if knobs is None else given_knobs(first, knobs)
@@ -205,7 +208,7 @@ class _Search:
         chosen = trials.get(place)
         changes = self._changes(place)
         return CheapestSettings(
-            scene=set_fields(self.starts[0], changes),
+            scene=set_fields(self.scenes[0], changes),
             changes=changes,
             repeats=1 if chosen is None else max(1, chosen.repeats),
             met=best is not None,
@@ -214,7 +217,7 @@ class _Search:
             trials=tuple(trials.values()),
             paths=tuple(knob.path for knob in self.knobs),
             reference=tuple(knob.label(k) for knob, k in zip(self.knobs, self._reference, strict=True)),
-            starts=len(self.starts),
+            starts=len(self.scenes),
             seconds=time.process_time() - self.began,
         )
 
@@ -229,7 +232,8 @@ class _Search:
     def _cheapest(self, trials: dict[tuple[int, ...], SettingTrial]) -> tuple[int, ...] | None:
         """Return the cheapest place within the caps that meets the target, if one does; keep what was tried.
 
-        Places are tried by what they cost at the least: as much as the places that are coarser in one knob.
+        Places are tried by what they cost at the least: as much as the places that are coarser in one knob, where finer
+        values of it are sure to cost more.
         """
         best: tuple[int, ...] | None = None
         waiting = {place: 0.0 for place in itertools.product(*(self._first(knob) for knob in self.knobs))}
@@ -238,15 +242,14 @@ class _Search:
             least = waiting.pop(place)
             if best is not None and least >= trials[best].cost:
                 break
-            trial = trials[place] = self._trial(place)
-            if trial.meets and len(self.starts) == 1:
-                trial = trials[place] = self._confirmed(place, trial, trials)
+            trial = trials[place] = self._trial(place, self.starts)
             if trial.meets and (best is None or trial.cost < trials[best].cost):
-                best = place
+                trial = trials[place] = self._confirmed(place, trial, trials)
+                best = place if trial.meets else best
             for k, knob in enumerate(self.knobs):
                 finer = (*place[:k], place[k] + 1, *place[k + 1 :])
                 if not knob.alternatives and finer[k] <= self.caps[k]:
-                    waiting[finer] = max(trial.seconds, waiting.get(finer, 0.0))
+                    waiting[finer] = max(trial.seconds if knob.costs else 0.0, waiting.get(finer, 0.0))
         return best
 
     @staticmethod
@@ -254,18 +257,32 @@ class _Search:
         return range(len(knob.values)) if knob.alternatives else (0,)
 
     def _confirmed(
-        self, place: tuple[int, ...], trial: SettingTrial, trials: dict[tuple[int, ...], SettingTrial]
+        self, place: tuple[int, ...], trial: SettingTrial, trials: Mapping[tuple[int, ...], SettingTrial]
     ) -> SettingTrial:
-        """Return a trial from one start, which counts where the next finer settings meet the target, too."""
+        """Return a trial that met the target, which counts where it does so with further starts, too.
+
+        The best of many may be so by luck. Where there is one start, the next finer settings must meet the target.
+        """
+        if self.further:
+            again = self._trial(place, self.further)
+            errors = {name: (*found, *again.errors[name]) for name, found in trial.errors.items()}
+            share = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
+            met = again.meets if self.mean else min(*share.values(), *map(self._within(again), self.targets)) >= _SHARE
+            repeats = max(trial.repeats, again.repeats) if met else 0
+            failed = trial.failed or again.failed
+            return replace(trial, errors=errors, share=share, repeats=repeats, meets=met, failed=failed)
         for k, knob in enumerate(self.knobs):
             finer = (*place[:k], place[k] + 1, *place[k + 1 :])
-            if knob.alternatives or (place[k] == self.caps[k] == knob.last):
+            if knob.alternatives or finer[k] >= self._reference[k]:
                 continue
-            if finer[k] <= self.caps[k] and finer not in trials:
-                trials[finer] = self._trial(finer)
-            if finer not in trials or not trials[finer].meets:
+            if not (trials.get(finer) or self._trial(finer, self.starts)).meets:
                 return replace(trial, meets=False, repeats=0)
         return trial
+
+    @staticmethod
+    def _within(trial: SettingTrial) -> Callable[[Target], float]:
+        """Return a function that gives the share of a trial's starts whose error is within a target."""
+        return lambda one: float(np.mean(np.abs(trial.errors[one.figure]) <= one.error))
 
     def _finer(self, trials: Mapping[tuple[int, ...], SettingTrial]) -> tuple[int, ...] | str:
         """Return the caps with the knobs finer that make errors smaller; or why nothing does, in words."""
@@ -301,12 +318,12 @@ class _Search:
         errors = ((np.median(np.abs(trial.errors[one.figure])), one.error) for one in self.targets)
         return max(float(error) / max(bound, np.finfo(float).tiny) for error, bound in errors)
 
-    def _trial(self, place: tuple[int, ...]) -> SettingTrial:
+    def _trial(self, place: tuple[int, ...], starts: range) -> SettingTrial:
         """Return what a place costs and how far its figures are off, from as many starts as it takes to tell."""
         errors: dict[str, list[float]] = {one.figure: [] for one in self.targets}
         values: dict[str, list[Any]] = {one.figure: [] for one in self.targets}
         seconds, failed = [], ""
-        for start in range(len(self.starts)):
+        for start in starts:
             figures, wrong, cost = self._ran(place, start)
             true, unsound, _ = self._ran(self._reference, start)
             if unsound:
@@ -317,17 +334,13 @@ class _Search:
                 off = math.inf if wrong else self.lacking * one.error_of(figures[one.figure], true[one.figure])
                 errors[one.figure].append(off)
                 values[one.figure].append(figures.get(one.figure))
-            if (
-                start + 1 >= _FEW
-                and not self.mean
-                and any(self._hopeless(one, errors[one.figure]) for one in self.targets)
-            ):
+            hopeless = any(self._hopeless(one, errors[one.figure]) for one in self.targets)
+            if len(seconds) >= _FEW and hopeless and not self.mean:
                 break
         shares = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
-        counted = len(seconds) == len(self.starts)
-        repeats = 1 if counted and min(shares.values()) >= _SHARE else 0
+        repeats = int(len(seconds) == len(starts) and min(shares.values()) >= _SHARE)
         if self.mean:
-            needed = [self._repeats(one, errors[one.figure], values[one.figure]) for one in self.targets]
+            needed = [self._repeats(one, errors[one.figure], values[one.figure], starts) for one in self.targets]
             repeats = max(needed) if all(needed) else 0
         return SettingTrial(
             changes=self._changes(place),
@@ -345,17 +358,18 @@ class _Search:
         """Whether all errors are far outside, so that further starts need not be tried."""
         return min(map(abs, errors)) > _FAR * target.error
 
-    def _repeats(self, target: Target, errors: Sequence[float], values: Sequence[Any]) -> int:
+    def _repeats(self, target: Target, errors: Sequence[float], values: Sequence[Any], starts: range) -> int:
         """Return how many starts a mean takes to be within the target; 0 where none do."""
         if not np.isfinite(errors).all():
             return 0
-        found = np.array([np.asarray(value, dtype=float).ravel() for value in values])
-        references = [self._ran(self._reference, k)[0][target.figure] for k in range(len(found))]
-        true = np.array([np.asarray(value, dtype=float).ravel() for value in references])
+        references = [self._ran(self._reference, start)[0][target.figure] for start in starts]
+        found, true = (
+            np.array([np.asarray(one, dtype=float).ravel() for one in each]) for each in (values, references)
+        )
         scale = 1.0 if target.absolute else float(np.abs(true.mean(axis=0)).max())
         if not scale > 0.0:
             return 0
-        # the reference is the mean over the same starts: its own scatter cancels in the shift, not in what a mean has
+        # of the same starts: their scatter is no part of how far the mean is off
         shift = self.lacking * (found - true) / scale
         bias, unsure = np.abs(shift.mean(axis=0)).max(), shift.std(axis=0, ddof=1).max() / math.sqrt(len(found))
         scatter = float((found.std(axis=0, ddof=1) / scale).max())
@@ -367,8 +381,8 @@ class _Search:
         if key not in self.ran:
             self._look_at_the_clock()
             labels = ", ".join(knob.label(k) for knob, k in zip(self.knobs, place, strict=True))
-            self.say(f"{labels}; start {start + 1} of {len(self.starts)}", {})
-            scene = set_fields(self.starts[start], self._changes(place))
+            self.say(f"{labels}; start {start + 1}", {})
+            scene = set_fields(self.scenes[start], self._changes(place))
             way = tuple(k for k, knob in zip(place, self.knobs, strict=True) if knob.alternatives)
             if way not in self.warm:
                 # the first run of a kind loads its loops, which is no cost of its settings
@@ -387,8 +401,9 @@ class _Search:
             done = run_drive(scene, progress=self._look_at_the_clock)
         except (ValueError, ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
             return {}, str(error).partition("\n")[0], time.process_time() - began
-        figures = self._figures(done, scene)
+        # without the examination, which every choice of settings takes alike
         seconds = time.process_time() - began - (self.compiling() - compiled)
+        figures = self._figures(done, scene)
         runs = done.runs if hasattr(done, "runs") else [done]
         wrong = next((one.outcome.value for one in runs if isinstance(one, Run) and not one.ok), "")
         return figures, wrong, max(seconds, 1e-6)
