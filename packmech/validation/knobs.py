@@ -55,7 +55,7 @@ class Knob:
     @property
     def first_cap(self) -> int:
         """The finest setting that is tried at first; where finer ones cost no better reference, the last."""
-        return 0 if self.factor else self.last
+        return {0.0: self.last, _DECADE: 2}.get(self.factor, 0)
 
     def reference(self, cap: int) -> int:
         """Return the place of the reference for settings up to a cap; of alternatives the first is trusted."""
@@ -66,10 +66,9 @@ class Knob:
         """Whether finer values are sure to cost more: a loose tolerance may cost more than a tight one."""
         return self.factor == _DOUBLED
 
-    @property
-    def reference_share(self) -> float:
-        """Part of an error of first order that the reference still has, so that a difference lacks it."""
-        return self.factor**-_BEYOND if self.factor else 0.0
+    def lacking(self, k: int, reference: int) -> float:
+        """Part of an error of first order that the reference still has, so that a difference from it lacks it."""
+        return self.factor ** (k - reference) if self.factor else 0.0
 
     def label(self, k: int) -> str:
         """Return a value in words."""

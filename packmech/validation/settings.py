@@ -170,8 +170,6 @@ class _Search:
             raise ValueError(
                 f"knobs must be given for a drive that has none of the usual ones, got {type(first.drive).__name__}"
             )
-        # how much a difference from the reference lacks of the error
-        self.lacking = 1.0 / (1.0 - max(knob.reference_share for knob in self.knobs))
         self.caps = tuple(knob.first_cap for knob in self.knobs)
         self.ran: dict[tuple[tuple[int, ...], int], tuple[dict[str, Any], str, float]] = {}
         self.warm: set[tuple[int, ...]] = set()
@@ -225,6 +223,11 @@ class _Search:
     def _reference(self) -> tuple[int, ...]:
         """The place of the reference: of alternatives the first, and finer than the finest settings that are tried."""
         return tuple(knob.reference(cap) for knob, cap in zip(self.knobs, self.caps, strict=True))
+
+    def _scale(self, place: tuple[int, ...]) -> float:
+        """Return what differences from the reference are multiplied by, for what they lack of an error."""
+        known = zip(self.knobs, place, self._reference, strict=True)
+        return 1.0 / (1.0 - max(knob.lacking(k, reference) for knob, k, reference in known))
 
     def _changes(self, place: tuple[int, ...]) -> dict[str, Any]:
         return {knob.path: knob.values[k] for knob, k in zip(self.knobs, place, strict=True)}
@@ -322,7 +325,7 @@ class _Search:
         """Return what a place costs and how far its figures are off, from as many starts as it takes to tell."""
         errors: dict[str, list[float]] = {one.figure: [] for one in self.targets}
         values: dict[str, list[Any]] = {one.figure: [] for one in self.targets}
-        seconds, failed = [], ""
+        seconds, failed, scale = [], "", self._scale(place)
         for start in starts:
             figures, wrong, cost = self._ran(place, start)
             true, unsound, _ = self._ran(self._reference, start)
@@ -331,7 +334,7 @@ class _Search:
             seconds.append(cost)
             failed = failed or wrong
             for one in self.targets:
-                off = math.inf if wrong else self.lacking * one.error_of(figures[one.figure], true[one.figure])
+                off = math.inf if wrong else scale * one.error_of(figures[one.figure], true[one.figure])
                 errors[one.figure].append(off)
                 values[one.figure].append(figures.get(one.figure))
             hopeless = any(self._hopeless(one, errors[one.figure]) for one in self.targets)
@@ -340,7 +343,7 @@ class _Search:
         shares = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
         repeats = int(len(seconds) == len(starts) and min(shares.values()) >= _SHARE)
         if self.mean:
-            needed = [self._repeats(one, errors[one.figure], values[one.figure], starts) for one in self.targets]
+            needed = [self._repeats(one, errors[one.figure], values[one.figure], starts, scale) for one in self.targets]
             repeats = max(needed) if all(needed) else 0
         return SettingTrial(
             changes=self._changes(place),
@@ -358,7 +361,9 @@ class _Search:
         """Whether all errors are far outside, so that further starts need not be tried."""
         return min(map(abs, errors)) > _FAR * target.error
 
-    def _repeats(self, target: Target, errors: Sequence[float], values: Sequence[Any], starts: range) -> int:
+    def _repeats(
+        self, target: Target, errors: Sequence[float], values: Sequence[Any], starts: range, lacking: float
+    ) -> int:
         """Return how many starts a mean takes to be within the target; 0 where none do."""
         if not np.isfinite(errors).all():
             return 0
@@ -370,7 +375,7 @@ class _Search:
         if not scale > 0.0:
             return 0
         # of the same starts: their scatter is no part of how far the mean is off
-        shift = self.lacking * (found - true) / scale
+        shift = lacking * (found - true) / scale
         bias, unsure = np.abs(shift.mean(axis=0)).max(), shift.std(axis=0, ddof=1).max() / math.sqrt(len(found))
         scatter = float((found.std(axis=0, ddof=1) / scale).max())
         return fewest_repeats(float(bias), float(unsure), scatter, target.error, len(found))
