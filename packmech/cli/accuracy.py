@@ -16,6 +16,7 @@ from packmech.files.paths import replacing, writable_file
 from packmech.files.records import to_table, value_of_text
 from packmech.scenes.reference import commented_scene
 from packmech.validation.cheapest import CheapestSettings
+from packmech.validation.knobs import label
 from packmech.validation.settings import search_settings, starts_of
 from packmech.validation.targets import read_targets
 
@@ -121,8 +122,8 @@ def _say(scene: str, found: CheapestSettings) -> None:
     what = ", ".join(map(str, found.targets))
     starts = f"{found.starts} starts" if found.starts > 1 else "one start"
     title = f"{scene}: settings for {what}; {starts}, {found.seconds:.3g} s"
-    show(table(title, headings, rows, right=range(len(found.paths), len(headings) - 2)))
-    measured = ", ".join(f"{path} = {label}" for path, label in zip(found.paths, found.reference, strict=True))
+    show(table(title, headings, rows, right=range(len(found.changes), len(headings) - 2)))
+    measured = ", ".join(f"{path} = {label(value)}" for path, value in found.reference.items())
     show(f"reference: {measured}")
     if found.met:
         show(f"cheapest: {found.words()}")

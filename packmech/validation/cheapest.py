@@ -97,8 +97,7 @@ class CheapestSettings:
     why_not: str
     targets: tuple[Target, ...]
     trials: tuple[SettingTrial, ...]
-    paths: tuple[str, ...]
-    reference: tuple[str, ...]
+    reference: Mapping[str, Any]
     starts: int
     seconds: float
 
@@ -107,7 +106,7 @@ class CheapestSettings:
         chosen = next((one for one in self.trials if one.changes == self.changes), None)
         if chosen is None:
             return "no settings"
-        named = [f"{path} = {label}" for path, label in zip(self.paths, chosen.labels, strict=True)]
+        named = [f"{path} = {label}" for path, label in zip(self.changes, chosen.labels, strict=True)]
         named += [f"{self.repeats} repeats"] if self.repeats > 1 else []
         return f"{', '.join(named)} ({chosen.cost:.3g} s)"
 
@@ -119,7 +118,7 @@ class CheapestSettings:
             "met": self.met,
             "why_not": self.why_not,
             "targets": [asdict(one) for one in self.targets],
-            "reference": dict(zip(self.paths, self.reference, strict=True)),
+            "reference": {path: plain(value) for path, value in self.reference.items()},
             "starts": self.starts,
             "seconds": self.seconds,
             "trials": [
@@ -143,7 +142,7 @@ class CheapestSettings:
     @property
     def _headings(self) -> list[str]:
         of_figure = [f"{what} {target.figure}" for target in self.targets for what in ("error of", "share within of")]
-        return [*self.paths, *of_figure, "CPU s", "repeats", "meets", "failed"]
+        return [*self.changes, *of_figure, "CPU s", "repeats", "meets", "failed"]
 
     def to_csv(self) -> str:
         """Return what was tried as comma-separated values, by rising cost."""

@@ -70,14 +70,14 @@ class Knob:
         """Part of an error of first order that the reference still has, so that a difference from it lacks it."""
         return self.factor ** (k - reference) if self.factor else 0.0
 
-    def label(self, k: int) -> str:
-        """Return a value in words."""
-        value = self.values[k]
-        if value is None:
-            return "default"
-        if is_record(value):
-            return kind_of(type(value))
-        return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+def label(value: Any) -> str:
+    """Return the value of a setting in words."""
+    if value is None:
+        return "default"
+    if is_record(value):
+        return kind_of(type(value))
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def of_a_duration(scene: Scene) -> Scene:

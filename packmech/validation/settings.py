@@ -23,7 +23,7 @@ from packmech.scenes import run as run_drive
 from packmech.scenes.recipes import is_random
 from packmech.scenes.scene_file import changed_tables, read_scene_tables, scene_of_tables
 from packmech.validation.cheapest import CheapestSettings, SettingTrial
-from packmech.validation.knobs import Knob, given_knobs, of_a_duration, set_fields, usual_knobs
+from packmech.validation.knobs import Knob, given_knobs, label, of_a_duration, set_fields, usual_knobs
 from packmech.validation.targets import Target, read_targets
 from packmech.view.report import examine
 
@@ -213,8 +213,7 @@ class _Search:
             why_not=why_not,
             targets=self.targets,
             trials=tuple(trials.values()),
-            paths=tuple(knob.path for knob in self.knobs),
-            reference=tuple(knob.label(k) for knob, k in zip(self.knobs, self._reference, strict=True)),
+            reference=self._changes(self._reference),
             starts=len(self.scenes),
             seconds=time.process_time() - self.began,
         )
@@ -347,7 +346,7 @@ class _Search:
             repeats = max(needed) if all(needed) else 0
         return SettingTrial(
             changes=self._changes(place),
-            labels=tuple(knob.label(k) for knob, k in zip(self.knobs, place, strict=True)),
+            labels=tuple(map(label, self._changes(place).values())),
             seconds=float(np.median(seconds)),
             errors={name: tuple(found) for name, found in errors.items()},
             share=shares,
@@ -385,7 +384,7 @@ class _Search:
         key = (place, start)
         if key not in self.ran:
             self._look_at_the_clock()
-            labels = ", ".join(knob.label(k) for knob, k in zip(self.knobs, place, strict=True))
+            labels = ", ".join(map(label, self._changes(place).values()))
             self.say(f"{labels}; start {start + 1}", {})
             scene = set_fields(self.scenes[start], self._changes(place))
             way = tuple(k for k, knob in zip(place, self.knobs, strict=True) if knob.alternatives)

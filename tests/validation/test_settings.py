@@ -85,7 +85,7 @@ def test_values_that_are_given_are_the_grid_and_the_last_is_the_reference(decay,
     knobs = {"drive.dt": (0.2, 0.1, 0.05, 0.001)}
     found = pm.settings_for(crystal.replace(drive=decay()), {"left": 0.06}, knobs=knobs)
     assert found.changes == {"drive.dt": 0.1}
-    assert found.reference == ("0.001",)
+    assert found.reference == {"drive.dt": 0.001}
     assert not pm.settings_for(crystal.replace(drive=decay()), {"left": 1e-4}, knobs=knobs).met
 
 
