@@ -25,7 +25,7 @@ RESULTS = {
     "Table", "Trace", "Trial", "Verdict", "ContactData", "Snapshots",
     "PressureShear", "WallContacts",
     "WallModuli",
-    "WorkPrecision",
+    "WorkPrecision", "CheapestSettings",
     "QuarticModes", "ShapeContacts",
     "Avalanche", "BondOrder", "ContactChange", "ContactStatistics", "Correlation", "CorrelationLength",
     "Ensemble",
@@ -297,6 +297,11 @@ def good(name, folder):
         },
         "deform": lambda: {"scene": pressed(), "strain": {"yy": -1e-4}, "steps": 1},
         "deform_at_rate": lambda: {"scene": scene(), "rate": 0.01, "strain": {"xx": -0.002}},
+        "settings_for": lambda: {
+            "scene": pm.Scene(touching(), (pm.Repulsion(),), pm.QuenchDrive()),
+            "target": "energy:10 absolute",
+            "time_limit": 5.0,
+        },
         "work_precision": lambda: {"problem": lambda setting: setting, "settings": (1.0, 0.5), "reference": 0.0},
         "plot": lambda: {"thing": touching()},
         "write_pictures": lambda: {

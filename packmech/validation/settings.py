@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -109,7 +110,12 @@ def settings_for(
     if isinstance(scene, Scene):
         draws: list[Callable[[], Scene]] = [lambda: scene]
     else:
-        draws = starts_of(*read_scene_tables(scene), str(scene), count, first)
+        if not isinstance(scene, str | os.PathLike):
+            raise TypeError(f"scene must be a Scene or a scene's file, got {brief(scene)}")
+        try:
+            draws = starts_of(*read_scene_tables(scene), str(scene), count, first)
+        except FileNotFoundError as error:
+            raise ValueError(f"scene{str(error).removeprefix('path')}") from None
     with shows("settings", check_progress(progress), after=0.0) as say:
         return search_settings(draws, targets, knobs, mean=mean, time_limit=time_limit, say=say)
 
