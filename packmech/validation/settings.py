@@ -101,7 +101,7 @@ def settings_for(
     >>> packing = pm.random_packing(32, dimension=2, packing_fraction=0.95, seed=1)
     >>> scene = pm.Scene(packing, (pm.Repulsion(),), pm.QuenchDrive(method=pm.Fire()))
     >>> found = pm.settings_for(scene, "energy:0.1%")
-    >>> found.met, 1e-13 < found.scene.drive.force_tolerance < 1e-1
+    >>> found.met, found.scene.drive.force_tolerance in (1e-1, 1e-2, 1e-3)
     (True, True)
 
     """

@@ -40,10 +40,11 @@ def decay():
     class DecayDrive:
         dt: float = 0.1
         scatter: float = 0.0
+        work: float = 2e4
 
         def run(self, scene):
             drawn = np.random.default_rng(abs(hash(scene.packing.position_nd.tobytes())) % 2**32).normal()
-            sum(range(round(4e3 / self.dt)))  # what shorter steps cost
+            sum(range(round(self.work / self.dt)))  # what shorter steps cost
             value = (1.0 - self.dt) ** (1.0 / self.dt) * (1.0 + self.scatter * drawn)
             return SimpleNamespace(to_dict=lambda: {"left": value, "list": [value, 2.0 * value]})
 
@@ -116,7 +117,7 @@ def test_repeats_of_a_mean_follow_the_square_root_law(scatter, bound):
 
 
 def test_a_mean_over_starts_takes_the_repeats_of_its_scatter(tmp_path, decay):
-    (tmp_path / "scene.toml").write_text(DISCS.replace('kind = "quench"', 'kind = "decay"\nscatter = 0.2'))
+    (tmp_path / "scene.toml").write_text(DISCS.replace('kind = "quench"', 'kind = "decay"\nscatter = 0.2\nwork = 100.0'))
     found = pm.settings_for(tmp_path / "scene.toml", "left:10%", knobs={"drive.dt": (1e-2, 5e-3)}, mean=True, starts=40)
     # 1.68 standard errors for forty starts
     assert found.met
