@@ -35,8 +35,10 @@ from arguments import call, good, parameters, public, write_files  # noqa: E402
 
 import packmech as pm  # noqa: E402
 
-# what a call on a handful of particles may take, with its code compiled, and what it may say
+# what a call on a handful of particles may take, with its code compiled [CPU s], and what it may say
 SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 1000
+# a call that waits for something uses no CPU time: so many seconds of the clock for each [1]
+PATIENCE = 10.0
 OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, FileNotFoundError)
 
 
@@ -215,24 +217,33 @@ def _is_own(error: BaseException) -> bool:
 
 def judge(shown: str, act: Any, seconds: float = SECONDS) -> Fault | None:
     """Make a call; return what is wrong with its end, None where nothing is."""
-    signal.signal(signal.SIGALRM, _stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    began = time.perf_counter()
+    _set_timers(seconds)
+    began = time.process_time()
     try:
         act()
     except TooLong as error:
         return Fault(shown, f"still at work after {seconds:g} s", _where(error))
     except BaseException as error:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        _set_timers(0.0)
         text = str(error)
         if not _is_own(error):
             return Fault(shown, f"{type(error).__name__}: {text[:200]}", _where(error))
         if len(text) > LETTERS:
             return Fault(shown, f"a message of {len(text)} letters: {text[:80]}", _where(error))
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-    took = time.perf_counter() - began
+        _set_timers(0.0)
+    took = time.process_time() - began
     return Fault(shown, f"took {took:.1f} s", "") if took > seconds else None
+
+
+def _set_timers(seconds: float) -> None:
+    """Have `TooLong` raised after so much CPU time, or where a call waits; 0: never."""
+    for timer, number, limit in (
+        (signal.ITIMER_PROF, signal.SIGPROF, seconds),
+        (signal.ITIMER_REAL, signal.SIGALRM, PATIENCE * seconds),
+    ):
+        signal.signal(number, _stop)
+        signal.setitimer(timer, limit)
 
 
 def calls(rng: np.random.Generator, names: list[str], count: int) -> Iterator[tuple[str, dict[str, str]]]:
