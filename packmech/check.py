@@ -234,17 +234,20 @@ def check_memory(name: str, bytes_needed: float) -> None:
     if bytes_needed > _memory():
         raise ValueError(
             f"{name} must be so small that memory holds it, got what takes {_size(bytes_needed)}, more than the "
-            f"{_size(_memory())} of this machine"
+            f"{_size(_memory())} that this process may have"
         )
 
 
-@functools.cache
 def _memory() -> float:
-    """Return the bytes of the machine's memory; infinity where the system does not say."""
+    """Return the bytes of memory that this process may have; infinity where the system does not say."""
     try:
-        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-    except (AttributeError, OSError, ValueError):
+        # not on every system
+        import resource
+
+        whole, limit = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"), resource.getrlimit(resource.RLIMIT_AS)
+    except (AttributeError, ImportError, OSError, ValueError):
         return math.inf
+    return float(whole if limit[0] == resource.RLIM_INFINITY else min(whole, limit[0]))
 
 
 def _size(number: float) -> str:

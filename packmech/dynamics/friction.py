@@ -368,6 +368,8 @@ def _add_torque(axes, spins, push, i, torque):
 
 # overlaps at which contacts are looked up, barely and deep [1]
 _OVERLAPS = (1e-9, 0.1)
+# a time step so long that nothing is stable with it, though its cube is a number yet
+_LARGEST_STEP = 1e100
 # a little more than 1/3: oscillations up to omega dt = 1/3 then fall, by less than (omega dt)^4 / 100 a step
 _SHARE = 0.35
 # (omega dt)^2 of the fastest springs, over stiffness dt^2 / mass: with 6 neighbors, or 12 in space
@@ -461,7 +463,7 @@ def leading_share(scene: Scene, dt: float, smallest_mass: float) -> float:
     if bonds is not None:
         springs.append((bonds.tangential_stiffness, bonds.tangential_damping))
     fastest = _FASTEST[scene.packing.dimension] * stiffening(scene.packing)[1]
-    weak = 0.25 * fastest * dt**3 / smallest_mass
+    weak = 0.25 * fastest * min(dt, _LARGEST_STEP) ** 3 / smallest_mass
     return _SHARE if any(k > 0.0 and c < weak * k * k for k, c in springs) else 0.0
 
 

@@ -41,6 +41,9 @@ _OVERLAPS = (1e-9, 0.1)
 # undamped tangential springs, which `leading_share` takes
 _GROWTH = 1.1
 _HALVINGS = 40
+# a time step so long that nothing is stable with it, though its powers are numbers yet, and by how much shorter ones
+# are tried before the way between two is halved [1]
+_LARGEST_STEP, _SHORTER = 1e100, 1e-3
 
 
 class LoneMotion(NamedTuple):
@@ -221,7 +224,7 @@ def step_condition(
         As of the engine.
 
     """
-    longest, what = dt, ""
+    longest, what = min(dt, _LARGEST_STEP), ""
     for one in lone_motions(scene, inverse_mass_n):
 
         def grows(step: float, one: LoneMotion = one) -> bool:
@@ -230,6 +233,8 @@ def step_condition(
             return growth(spring, dashpot, **how) > _GROWTH
 
         if grows(longest):
+            while grows(_SHORTER * longest):
+                longest *= _SHORTER
             what, low, high = one.of, 0.0, longest
             for _ in range(_HALVINGS):
                 middle = 0.5 * (low + high)

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import inspect
 import itertools
+import time
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
@@ -16,7 +17,7 @@ from numba.extending import overload, register_jitable
 
 from packmech.check import brief
 from packmech.jit.cache import KernelCache, record_types
-from packmech.jit.compiling import CompileClock, CompileListener
+from packmech.jit.compiling import COMPILING, CompileListener
 from packmech.jit.source_key import written_name
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -32,6 +33,7 @@ OPTIONS: dict[str, Any] = {
 _INNER = {**OPTIONS, "no_cpython_wrapper": True}
 
 event.register("numba:compile", CompileListener())
+event.register("numba:compile", COMPILING)
 
 
 def _equal(self: Any, other: object) -> bool:
@@ -295,9 +297,13 @@ def inlined(function: F) -> F:
 @contextlib.contextmanager
 def compile_clock() -> Iterator[Callable[[], float]]:
     """Give a function that tells how many CPU seconds since were spent compiling [s]; 0 with a warm cache."""
-    clock = CompileClock()
-    with event.install_listener("numba:compile", clock):
-        yield lambda: clock.seconds
+    began = COMPILING.seconds
+    yield lambda: COMPILING.seconds - began
+
+
+def working_time() -> float:
+    """Return the CPU time of this process that did not go into compiling: the clock of time limits [s]."""
+    return time.process_time() - COMPILING.seconds
 
 
 def compiling_noted(note: str, compiling: float, seconds: float) -> str:

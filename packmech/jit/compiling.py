@@ -42,6 +42,10 @@ class CompileClock(event.Listener):  # type: ignore[misc]
             self.seconds += time.process_time() - self._began
 
 
+# that of all that this process compiles
+COMPILING = CompileClock()
+
+
 class CompileListener(event.Listener):  # type: ignore[misc]
     """Hears when functions of ours are compiled, not when they are found on disk."""
 

@@ -10,13 +10,13 @@ import math
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from packmech.calls.status import Progress, Report, check_progress, is_watched, shows
 from packmech.check import brief, instance, integer, positive
-from packmech.jit.compiled import compile_clock
+from packmech.jit.compiled import compile_clock, working_time
 from packmech.jit.interrupts import held_interrupts, safe_interrupts
 from packmech.loop.checkpoint import check_path
 from packmech.result import NotConverged, Outcome, Run
@@ -42,7 +42,7 @@ class RunSettings:
     Attributes
     ----------
     time_limit
-        CPU time after which a run ends with Outcome.TIME_LIMIT [s].
+        CPU time, that of compiling left out, after which a run ends with Outcome.TIME_LIMIT [s].
     step_limit
         Steps after which it ends with Outcome.STEP_LIMIT.
     checkpoint, checkpoint_every
@@ -146,7 +146,7 @@ class RunLoop:
 
     def __init__(self, settings: RunSettings) -> None:
         self.settings = settings
-        self.deadline = time.process_time() + settings.time_limit
+        self.deadline = working_time() + settings.time_limit
         self.compiling: Callable[[], float] = lambda: 0.0
         self._watch: Report = settings.progress if callable(settings.progress) else lambda stage, figures: None
         # writes the checkpoint of the task that is being stepped
@@ -161,12 +161,17 @@ class RunLoop:
     @property
     def late(self) -> bool:
         """Whether time is up."""
-        return time.process_time() > self.deadline
+        return working_time() > self.deadline
 
     @property
     def time_left(self) -> float | None:
         """CPU time until the limit, above zero [s]; None without a limit."""
-        return None if math.isinf(self.deadline) else max(self.deadline - time.process_time(), _SHORTEST)
+        return None if math.isinf(self.deadline) else max(self.deadline - working_time(), _SHORTEST)
+
+    def rest(self) -> RunSettings:
+        """Return the settings of a part of this call: its own, with the time that is left."""
+        left = self.time_left
+        return replace(self.settings, time_limit=math.inf if left is None else left)
 
     def check_time(self) -> None:
         """Raise TimeUp where time is up: for work that is no task, between two of its steps."""

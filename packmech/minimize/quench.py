@@ -315,7 +315,7 @@ class _Descent:
             force_tolerance=tolerance,
             step_limit=max(step_limit, 0),
             method=method,
-            deadline=self.loop.deadline,
+            is_late=lambda: self.loop.late,
         )
         self.program.put(done.packing)
         self.steps += done.steps

@@ -283,13 +283,12 @@ class _Again:
         force_tolerance: float,
         method: str,
     ) -> None:
-        self.packing, self.settings, self.ends = packing, settings, time.process_time() + settings.time_limit
+        self.packing, self.loop = packing, RunLoop(settings)
         self.asked = pressure, strain, force_tolerance, method
 
     def jam(self, changed: Scene, report: dict[str, Any]) -> Run:
         """Return the run of the changed packing, with more to report; it is the packing from then on."""
-        left = max(self.ends - time.process_time(), 1e-9)
-        run = _jammed_again(changed, self.packing, dataclasses.replace(self.settings, time_limit=left), *self.asked)
+        run = _jammed_again(changed, self.packing, self.loop.rest(), *self.asked)
         self.packing = run.packing
         return dataclasses.replace(run, report={**report, **run.report})
 

@@ -177,19 +177,22 @@ class _Ascent:
             return None
         depth = min(_FIRST, 0.5 * self.nearest)
         # a pressure of this order brings the packing about so far above its onset; the exact volume is set below
-        state = follow_pressure(hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5)
+        state = follow_pressure(
+            hard, protocol.units, protocol.basis_kdd, 0.3 * depth, tolerance=1e-5, watch=protocol.in_time
+        )
         onset = protocol.report["jamming_packing_fraction"]
         return _AboveOnset(state.packing, onset, depth, set(pair_names(hard.contacts)))
 
     def _advance(self, packing: Packing, onset: float, depth: float, goal: float) -> SoftState:
         """Return the packing at onset + goal, followed from onset + depth by steps that Newton's method can take."""
         end, least, lengths = math.log(goal), max(self.tolerance, 1e-7), replace(_LENGTHS)
+        watch = self.protocol.in_time
 
         def denser(packing: Packing, place: float) -> Packing:
             return at_packing_fraction(packing, onset + (goal if place == end else math.exp(place)))
 
         def reach(packing: Packing, place: float, further: float) -> Step[Packing, str] | None:
-            trial = newton(denser(packing, further), self.protocol.units, self.shears, None, iterations=25)
+            trial = newton(denser(packing, further), self.protocol.units, self.shears, None, iterations=25, watch=watch)
             self.iterations += trial.iterations
             if not (trial.sound(least) and stays_on_branch(self.protocol, (packing, trial.packing))):
                 return None
@@ -208,6 +211,7 @@ class _Ascent:
 
     def _rearranged(self, packing: Packing) -> SoftState:
         """Return the packing at this volume that Newton's method reaches going down."""
-        state = find_bottom(packing, self.protocol.units, self.shears, None, max(self.tolerance, 1e-7))
+        protocol, least = self.protocol, max(self.tolerance, 1e-7)
+        state = find_bottom(packing, protocol.units, self.shears, None, least, watch=protocol.in_time)
         self.iterations += state.iterations
         return state

@@ -285,7 +285,8 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
     goal = protocol.reduced_pressure(pressure)
     tolerance = protocol.force_tolerance
     with protocol.stage("soft packing") as figures:
-        state = follow_pressure(hard, protocol.units, protocol.basis_kdd, goal, tolerance=tolerance)
+        units, watch = protocol.units, protocol.in_time
+        state = follow_pressure(hard, units, protocol.basis_kdd, goal, tolerance=tolerance, watch=watch)
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)

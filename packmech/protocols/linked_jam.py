@@ -76,7 +76,7 @@ def find_onset(protocol: Protocol, distance: float) -> Onset | None:
             return None
         # on the line balance is enough: a contact that bears nothing may part and leave a motion that it held
         goal = protocol.reduced_pressure(_SECOND * low)
-        last = descend(first.packing, protocol.units, protocol.basis_kdd, goal)
+        last = descend(first.packing, protocol.units, protocol.basis_kdd, goal, watch=protocol.in_time)
         depths = [touching_pairs(state.packing).overlap_c.mean() for state in (last, first)]
         fractions = [packing_fraction(state.packing) for state in (last, first)]
         if not last.balanced(max(protocol.force_tolerance, 8.0 * last.floor)) or not depths[0] < depths[1]:

@@ -118,7 +118,7 @@ class PressurePath:
         start = packing
         if self.before is not None:
             start = extrapolated(*self.before, start, way.coordinate(place), way.coordinate(further))
-        self.tried = state = equilibrium(start, protocol.units, protocol.basis_kdd, way.load(further))
+        self.tried = state = equilibrium(protocol, start, way.load(further))
         self.iterations += state.iterations
         if not (state.sound(self.tolerance) and self._followed(packing, state.packing, place, further)):
             return None
@@ -131,7 +131,9 @@ class PressurePath:
         protocol, load = self.protocol, self.way.load(further)
         self.rearrangements += 1
         self.before = None
-        state = find_bottom(packing, protocol.units, protocol.basis_kdd, load, self.tolerance)
+        state = find_bottom(
+            packing, protocol.units, protocol.basis_kdd, load, self.tolerance, watch=protocol.in_time
+        )
         self.iterations += state.iterations
         self.tried = state if state.sound(self.tolerance) else search_pressure(protocol, packing, load)
         self.lengths.grow()
@@ -143,8 +145,9 @@ class PressurePath:
         if place == self.way.length and not state.sound(protocol.force_tolerance):
             # a contact that barely touches slows Newton's steps: those that only go down pass it
             load = self.way.load(place)
+            tolerance, watch = protocol.force_tolerance, protocol.in_time
             lower = find_bottom(
-                state.packing, protocol.units, protocol.basis_kdd, load, protocol.force_tolerance
+                state.packing, protocol.units, protocol.basis_kdd, load, tolerance, watch=watch
             )  # fmt: skip
             self.iterations += lower.iterations
             if lower.sound(self.tolerance) and lower.residual < state.residual:

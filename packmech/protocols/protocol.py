@@ -151,6 +151,10 @@ class Protocol:
 
         return watch
 
+    def in_time(self, packing: Packing) -> None:
+        """End the protocol where time is up: what loops call with the packing after each iteration."""
+        self.loop.check_time()
+
     @contextmanager
     def stage(self, name: str) -> Iterator[Figures]:
         """Time one part of the protocol and keep what it achieved."""
@@ -216,6 +220,7 @@ class Protocol:
             Fire() unless given.
 
         """
+        self.loop.check_time()
         program = self.program
         goal = Goal(force_tolerance, floor * self.scene.energy_scale / packing.reference_diameter)
         program.put(packing)
@@ -262,6 +267,7 @@ class Protocol:
             Called with the packing every few steps.
 
         """
+        self.loop.check_time()
         task = StrainedFire(
             self.program,
             packing,

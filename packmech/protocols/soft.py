@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -65,9 +66,11 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> S
             packing = protocol.last = done.packing
             reduced = protocol.reduced(packing)
             if packing.plain:
-                best = newton(reduced, protocol.units, protocol.basis_kdd, goal)
+                best = newton(reduced, protocol.units, protocol.basis_kdd, goal, watch=protocol.in_time)
             else:
-                best = find_bottom(reduced, protocol.units, protocol.basis_kdd, goal, protocol.force_tolerance)
+                best = find_bottom(
+                    reduced, protocol.units, protocol.basis_kdd, goal, protocol.force_tolerance, watch=protocol.in_time
+                )
             if best.sound(protocol.force_tolerance) or done.merit > tolerance:
                 break
             tolerance *= 0.03
@@ -77,11 +80,12 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> S
     return best
 
 
-def equilibrium(packing: Packing, units: Units, basis_kdd: NDArray[np.float64], load: float | Load | None) -> SoftState:
+def equilibrium(protocol: Protocol, packing: Packing, load: float | Load | None) -> SoftState:
     """Return the balance nearby under a load: by Newton's method, with links or shapes by its steps that go down."""
+    units, basis_kdd = protocol.units, protocol.basis_kdd
     if packing.plain:
-        return newton(packing, units, basis_kdd, load, iterations=_NEWTON_STEPS)
-    return descend(packing, units, basis_kdd, load)
+        return newton(packing, units, basis_kdd, load, iterations=_NEWTON_STEPS, watch=protocol.in_time)
+    return descend(packing, units, basis_kdd, load, watch=protocol.in_time)
 
 
 def first_soft(hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float) -> Packing:
@@ -179,7 +183,13 @@ def _lowest(
 
 
 def follow_pressure(
-    hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], pressure: float, *, tolerance: float = 1e-5
+    hard: HardPacking,
+    units: Units,
+    basis_kdd: NDArray[np.float64],
+    pressure: float,
+    *,
+    tolerance: float = 1e-5,
+    watch: Callable[[Packing], None] | None = None,
 ) -> SoftState:
     """Return the soft packing at the pressure, followed from the exact hard one.
 
@@ -190,7 +200,7 @@ def follow_pressure(
     ----------
     hard
         The hard packing.
-    units, basis_kdd, pressure
+    units, basis_kdd, pressure, watch
         As in `newton`.
     tolerance
         Net force over mean contact force, and relative error of the stress, that count as balance on the way [1].
@@ -209,12 +219,12 @@ def follow_pressure(
     goal = depth_at(pressure)
     depth = min(goal, _FIRST_DEPTH)
     now = pressure if depth == goal else pressure_at(depth)
-    state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
+    state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now, watch=watch)
     used = state.iterations
     while not state.sound(tolerance) and depth > _MINIMUM_DEPTH:
         depth *= 0.25
         now = pressure_at(depth)
-        state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now)
+        state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now, watch=watch)
         used += state.iterations
     before, iterations = (hard.packing, 0.0), used
 
@@ -222,7 +232,7 @@ def follow_pressure(
         nonlocal before, iterations
         depth, at = math.exp(place), pressure if further == end else pressure_at(math.exp(further))
         ahead = extrapolated(*before, state.packing, depth, math.exp(further))
-        trial = newton(ahead, units, basis_kdd, at, iterations=20)
+        trial = newton(ahead, units, basis_kdd, at, iterations=20, watch=watch)
         iterations += trial.iterations
         if not trial.sound(tolerance):
             return None

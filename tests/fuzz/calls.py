@@ -39,7 +39,7 @@ import packmech as pm  # noqa: E402
 SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 1000
 # a call that waits for something uses no CPU time: so many seconds of the clock for each [1]
 PATIENCE = 10.0
-OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, FileNotFoundError)
+OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, OSError)
 
 
 class Shy:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from packmech.check import integer, positive, real
+from packmech.check import check_memory, integer, positive, real
 from packmech.constraints.compiled_links import along_links
 from packmech.jit.compiled import device, kernel
 from packmech.minimize.first_order.line_search import add_to, copy_to, dot, line_search, longest, read_places
@@ -53,6 +53,7 @@ class LBFGS(NamedTuple):
     def start(self, program: Program) -> Progress:
         """Return the state of a run that has not started."""
         self.check()
+        check_memory("method.memory", 16.0 * self.memory * program.velocity_nd.size)
         return program.progress(_FIXED + self.memory, 2 + 2 * self.memory)
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:

@@ -9,8 +9,8 @@ a quench.
 from __future__ import annotations
 
 import copy
-import math
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,15 +26,19 @@ from packmech.contacts.rattlers import rattlers_of
 from packmech.effects import acts_on_single, bonds_of, interactions_of, needs_second, single_terms
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import NotDefinite, factorize
+from packmech.loop.run_loop import TimeUp
 from packmech.measure.contact_forces import ContactForces, resting_forces
 from packmech.mechanics.assembly import assemble
 from packmech.mechanics.linked_systems import Operator
 from packmech.mechanics.stability import curvature_of, stability
 from packmech.minimize.second_order.soft_network import SoftNetwork, Units, length_unit
-from packmech.minimize.second_order.soft_newton import descend, judge
+from packmech.minimize.second_order.soft_newton import descend, judge, standing
 from packmech.packing import Packing
 from packmech.result import Condition, NotConverged, Outcome, Run, unmet_conditions
 from packmech.scene import Scene
+
+# whether time is up
+IsLate = Callable[[], bool]
 
 
 class Polished(NamedTuple):
@@ -55,19 +59,37 @@ class Polished(NamedTuple):
     negative: int
 
 
-def polish_downhill(packing: Packing, effects: tuple[Any, ...], *, force_tolerance: float, step_limit: int) -> Polished:
+def polish_downhill(
+    packing: Packing,
+    effects: tuple[Any, ...],
+    *,
+    force_tolerance: float,
+    step_limit: int,
+    is_late: IsLate = lambda: False,
+) -> Polished:
     """Return the packing with links or shapes after Newton steps in its box; whether it converged is in `outcome`.
 
     Parameters
     ----------
-    packing, effects, force_tolerance, step_limit
+    packing, effects, force_tolerance, step_limit, is_late
         As in `polish`.
 
     """
     units = Units(effects, length_unit(packing), 1.0)
     none = np.zeros((0, packing.dimension, packing.dimension))
-    state = descend(units.reduced(packing), units, none, None, iterations=step_limit)
-    outcome = judge(state, force_tolerance)
+    reached = units.reduced(packing)
+
+    def watch(lower: Packing) -> None:
+        nonlocal reached
+        reached = lower
+        if is_late():
+            raise TimeUp
+
+    try:
+        state = descend(reached, units, none, None, iterations=step_limit, watch=watch)
+        outcome = judge(state, force_tolerance)
+    except TimeUp:
+        state, outcome = standing(reached, units, none, None), Outcome.TIME_LIMIT
     if outcome is Outcome.STALLED and state.iterations == step_limit:
         outcome = Outcome.STEP_LIMIT
     mean = state.mean_force / units.length
@@ -216,7 +238,7 @@ def _assembled_step(
     return step, float(uphill @ along), regularization > _SLIDING
 
 
-def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: float, deadline: float) -> Polished:
+def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: float, is_late: IsLate) -> Polished:
     """Return the packing of a scene after Newton steps by whatever second derivatives its elements have."""
     found = best = resting_forces(scene)
     extent = max(float(np.abs(one).max()) for one in (scene.packing.position_nd, scene.packing.box.lattice_dd))
@@ -235,7 +257,7 @@ def _polish_assembled(scene: Scene, tolerance: float, step_limit: int, longest: 
         if steps == step_limit:
             outcome = Outcome.STEP_LIMIT
             break
-        if time.process_time() > deadline:
+        if is_late():
             outcome = Outcome.TIME_LIMIT
             break
         step, slope, changed = _assembled_step(found, operator, free_nq, stiffest)
@@ -270,7 +292,7 @@ def polish(
     force_tolerance: float,
     step_limit: int = 60,
     method: Newton | None = None,
-    deadline: float = math.inf,
+    is_late: IsLate = lambda: False,
 ) -> Polished:
     """Return the packing after Newton steps in its box; whether it converged is in `outcome`, no error is raised.
 
@@ -286,8 +308,8 @@ def polish(
         Largest number of steps.
     method
         Newton() unless given.
-    deadline
-        Stop, with Outcome.TIME_LIMIT, when `time.process_time()` has passed this [s].
+    is_late
+        Whether time is up: it then stops, with Outcome.TIME_LIMIT.
 
     Examples
     --------
@@ -308,10 +330,10 @@ def polish(
     longest = positive("method.largest_step", method.largest_step) * float(packing.diameter_n.min())
     if bonds_of(effects) or interactions_of(effects) or (not packing.plain and acts_on_single(effects)):
         with single_thread():
-            return _polish_assembled(Scene(packing, effects), tolerance, limit, longest, deadline)
+            return _polish_assembled(Scene(packing, effects), tolerance, limit, longest, is_late)
     if not packing.plain:
         with single_thread():
-            return polish_downhill(packing, effects, force_tolerance=tolerance, step_limit=limit)
+            return polish_downhill(packing, effects, force_tolerance=tolerance, step_limit=limit, is_late=is_late)
     none, reach = np.zeros((0, packing.dimension, packing.dimension)), positive("method.skin", method.skin)
     with single_thread():
         state = best = SoftNetwork(packing, Units(effects, 1.0, 1.0), none, None, reach=reach)
@@ -329,7 +351,7 @@ def polish(
             if steps == limit:
                 outcome = Outcome.STEP_LIMIT
                 break
-            if time.process_time() > deadline:
+            if is_late():
                 outcome = Outcome.TIME_LIMIT
                 break
             step, changed = _step(state)

@@ -97,6 +97,7 @@ def newton(
     pressure: float | Load | None,
     *,
     iterations: int = _ITERATIONS,
+    watch: Callable[[Packing], None] | None = None,
 ) -> SoftState:
     """Return the packing that Newton's method reaches at constant pressure or volume, in reduced units.
 
@@ -114,6 +115,8 @@ def newton(
         Pressure [reduced energy / reduced length^d], or a load; None to hold the volume.
     iterations
         Maximum number of iterations.
+    watch
+        Called with the packing after each iteration.
 
     """
     network = SoftNetwork(packing, units, basis_kdd, pressure)
@@ -154,6 +157,8 @@ def newton(
             best = network.packing, network.merit, network.residual, network.stress_error
         else:
             idle += 1
+        if watch is not None:
+            watch(network.packing)
         # where contacts open and close the merit rises before it falls; at the floor of rounding it only wanders
         if idle >= 10 or (idle >= 2 and best[1] <= FLOORS * rounding_floor(network)):
             break
@@ -253,12 +258,12 @@ def descend(
     iterations
         Maximum number of iterations, those of the last digits not counted.
     watch
-        Called with the packing after each accepted step.
+        Called with the packing after each accepted step, and each of the last digits.
 
     """
     network = SoftNetwork(packing, units, basis_kdd, pressure)
     network, used, evaluations = _go_down(network, basis_kdd, pressure, _NEAR, iterations, watch)
-    end = newton(network.packing, units, basis_kdd, pressure)
+    end = newton(network.packing, units, basis_kdd, pressure, watch=watch)
     return replace(end, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)
 
 
@@ -301,7 +306,7 @@ def descend_smoothed(
             negative = _negative(network)
             break
         width *= _NARROWER
-    end = newton(network.packing, units, basis_kdd, pressure)
+    end = newton(network.packing, units, basis_kdd, pressure, watch=watch)
     # contacts that just touch hold what they touch: they count in the smoothed network alone
     negative = min(negative, end.negative) if used < iterations else end.negative
     return replace(end, negative=negative, iterations=end.iterations + used, evaluations=end.evaluations + evaluations)

@@ -350,7 +350,7 @@ def _hard_shapes(packing: Packing, pressure: float, axes: tuple[int, int], loop:
     # a hard packing is taken to where its contacts overlap by about what the pressure asks for
     size = 1.0 if pressure_of(scene) > 0.1 * pressure * scene.pressure_unit else 1.0 - goal
     start = reduced.replace(position_nd=reduced.position_nd * size, box=reduced.box.scaled(size))
-    state = descend(start, protocol.units, protocol.basis_kdd, goal)
+    state = descend(start, protocol.units, protocol.basis_kdd, goal, watch=protocol.in_time)
     if state.sound(_BALANCED):
         with contextlib.suppress(Lost):
             network = HardShapes(state.packing, protocol.units, goal, axes, lambda _: loop.check_time())

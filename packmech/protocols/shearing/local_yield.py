@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Sequence
@@ -329,8 +330,7 @@ class _Patches:
         if not is_jammed(patch.scene):
             self.stalled = True
             return
-        left = self.loop.deadline - time.process_time()
-        settings = run_settings(time_limit=None if math.isinf(left) else max(left, 1e-3), progress=False, check=False)
+        settings = dataclasses.replace(self.loop.rest(), progress=False, check=False)
         run = shear_held(patch.scene, **self.asked, avalanche_limit=1, settings=settings)
         self.steps += run.steps
         if run.outcome is Outcome.TIME_LIMIT:

@@ -415,11 +415,10 @@ def cyclic_shear(
     # the last goal without its sign
     goals[-1] = 0.0
     runs: list[QuasistaticShear] = []
-    began = time.process_time()
+    loop = RunLoop(settings)
     for cycle in range(1, number + 1):
-        left = max(settings.time_limit - (time.process_time() - began), 1e-9)
         started = time.process_time()
-        protocol = _protocol(scene, asked, tolerance, dataclasses.replace(settings, time_limit=left))
+        protocol = _protocol(scene, asked, tolerance, loop.rest())
         try:
             run = _Shear(protocol, pair, asked, "none").run(goals)
             report = {"cycle": cycle, "amplitude": largest, **_report(protocol, run, asked, started)}

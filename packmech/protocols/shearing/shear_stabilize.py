@@ -12,7 +12,7 @@ from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.minimize.second_order.soft_newton import SoftState, judge, newton
 from packmech.packing import Packing
 from packmech.protocols.linked_jam import stabilize_linked
-from packmech.protocols.protocol import Protocol, finish
+from packmech.protocols.protocol import Protocol, check_reachable, finish
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 
@@ -80,6 +80,8 @@ def shear_stabilize(
     tolerance = positive("force_tolerance", force_tolerance)
     asked = None if pressure is None else positive("pressure", pressure)
     limit = integer("step_limit", step_limit, at_least=0)
+    if asked is not None:
+        check_reachable(scene, "pressure", asked)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     protocol = Protocol(scene, "free", tolerance, loop)
@@ -109,7 +111,7 @@ def _stabilized(protocol: Protocol, pressure: float | None, step_limit: int) -> 
             left -= done.steps
             if done.pressure <= 0.0:
                 return packing, Outcome.UNJAMMED
-            best = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal)
+            best = newton(protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal, watch=protocol.in_time)
             if best.sound(protocol.force_tolerance) or left <= 0 or done.merit > tolerance:
                 break
             tolerance *= _TIGHTER

@@ -164,14 +164,14 @@ class StrainPath:
 
     def _relaxed(self, packing: Packing, held_n: NDArray[np.bool_] | None = None) -> SoftState:
         """Return the equilibrium nearby; `held_n` are the particles that were no rattlers."""
-        units, basis = self.protocol.units, self.protocol.basis_kdd
-        found = equilibrium(packing, units, basis, self.load)
+        protocol = self.protocol
+        found = equilibrium(protocol, packing, self.load)
         if found.sound(self._gone_on) or held_n is None or not packing.plain:
             return found
         if not self._rattlers_pushed(found.packing, held_n):
             return found
         self.iterations += found.iterations
-        return descend(packing, units, basis, self.load)
+        return descend(packing, protocol.units, protocol.basis_kdd, self.load, watch=protocol.in_time)
 
     def _rattlers_pushed(self, packing: Packing, held_n: NDArray[np.bool_]) -> bool:
         """Return whether forces are off only where rattlers are pushed: without stiffness Newton's steps stop there."""
@@ -281,8 +281,10 @@ class StrainPath:
         """Return the equilibrium that an unstable packing falls to."""
         still = np.zeros_like(start.answer.u_nd)
         packing = self.lattice.moved_on(start.packing, start.strain, strain, still, self.shear_dd)
-        units, basis = self.protocol.units, self.protocol.basis_kdd
-        state = find_bottom(packing, units, basis, self.load, self.tolerance)
+        protocol = self.protocol
+        state = find_bottom(
+            packing, protocol.units, protocol.basis_kdd, self.load, self.tolerance, watch=protocol.in_time
+        )
         self.iterations += state.iterations
         if not state.sound(self.tolerance) and packing.plain:
             state = self._relaxed_by_fire(packing)
@@ -298,7 +300,7 @@ class StrainPath:
         for _ in range(_ROUNDS):
             relaxed, done = protocol.relax(protocol.restored(packing), tolerance, _STEPS)
             packing = protocol.reduced(relaxed)
-            state = newton(packing, protocol.units, protocol.basis_kdd, None)
+            state = newton(packing, protocol.units, protocol.basis_kdd, None, watch=protocol.in_time)
             self.iterations += state.iterations + done.steps
             if state.sound(self.tolerance):
                 break
