@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import brief, instance, integer, positive
+from packmech.check import brief, check_steps, instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
@@ -324,10 +324,6 @@ def _check_temperature(temperature: Any, velocity_nd: Any, seed: Any) -> None:
         raise ValueError("seed must be an integer where a temperature is given, got None")
 
 
-# more steps than whole numbers that a float64 tells apart
-MOST_STEPS = 2.0**53
-
-
 def _steps(steps: Any, duration: Any, longest: float) -> tuple[int, float]:
     """Return the number of steps and their length."""
     if steps is not None:
@@ -338,8 +334,7 @@ def _steps(steps: Any, duration: Any, longest: float) -> tuple[int, float]:
     if duration is None:
         raise ValueError("steps must be an integer at least 1 (or give duration), got None")
     whole = positive("duration", duration)
+    check_steps("duration", whole, longest)
     # a duration of whole steps does not get one more by rounding
-    if whole / longest > MOST_STEPS:
-        raise ValueError(f"duration must be at most {MOST_STEPS:.0e} steps of {longest:g}, got {whole:g}")
     count = max(1, math.ceil(whole / longest * (1.0 - 1e-12)))
     return count, whole / count

@@ -74,7 +74,7 @@ def read_archive(path: Path) -> dict[str, NDArray[Any]]:
             with archive.open(member) as file:
                 arrays[member.filename.removesuffix(_ENDING)] = np.lib.format.read_array(file, allow_pickle=False)
     if SEAL in arrays:
-        _check_seal(arrays)
+        check_seal(arrays, str(arrays[SEAL]))
     return arrays
 
 
@@ -102,8 +102,8 @@ _HEADS: dict[tuple[int, int], Any] = {
 }
 
 
-def _check_seal(arrays: Mapping[str, NDArray[Any]]) -> None:
-    given = str(arrays[SEAL])
+def check_seal(arrays: Mapping[str, NDArray[Any]], given: str) -> None:
+    """Refuse arrays that are not those that a seal was made of."""
     if given != seal(arrays):
         raise ValueError(
             f"its arrays must be those that were written, by their seal ({SEAL}), got others: it was changed since; "

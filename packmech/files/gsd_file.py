@@ -18,7 +18,9 @@ visible to every reader
     fields are log chunks ``log/particles/...``. Springs and contacts are further bonds, of the types "spring" and
     "contact", whose forces are ``log/bonds/normal_force`` and ``tangential_force``, nan of what is no contact.
 exact, for packmech
-    the log chunks ``log/packmech/...``, the arrays of an ``.npz`` file, in double precision, as they were.
+    the log chunks ``log/packmech/...``, the arrays of an ``.npz`` file, in double precision, as they were. The bytes of
+    ``log/packmech/sha256`` seal them, and the fields of particles, as those of an ``.npz`` file are sealed; a frame
+    without them all is refused, as what is left of it would be single precision.
 
 Of what another program wrote, a packing gets ``configuration``, ``particles/position`` unwrapped by
 ``particles/image``, ``mass``, ``constraints`` as links to the nearest image, and sizes and shapes by
@@ -36,7 +38,7 @@ import dataclasses
 import functools
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -47,6 +49,7 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.calls.honors import LINK_TOLERANCE
 from packmech.check import brief, finite_array, positive, positive_array
+from packmech.files.archive import SEAL, check_seal, seal
 from packmech.files.formats import BONDS, EVERYTHING, FORCES, STEP, Format, Given, numeric
 from packmech.files.npz import FIELD, LINK_GROUP, REQUIRED, arrays_beside, arrays_of, is_own, snapshot_in
 from packmech.files.orientations import ROUNDING, quaternions_to, rotations_of, spheroids_of
@@ -133,8 +136,16 @@ def frame_of(snapshot: Snapshot) -> Any:
         frame.log[place] = own[name].astype(np.uint8) if name == "link_shape_l" else own[name]
     if len(packing.links):
         _show_links(frame, packing.links)
+    digest = seal(_sealed(own))
+    frame.log[_LOG + SEAL] = np.frombuffer(bytes.fromhex(digest), dtype=np.uint8)
     _show_pairs(frame, snapshot)
     return frame
+
+
+def _sealed(own: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Return what is sealed of the arrays of a frame: the schema flattens a single column, and has no truth values."""
+    flat = {name: np.ravel(one) for name, one in own.items()}
+    return {name: one.astype(np.uint8) if one.dtype == bool else one for name, one in flat.items()}
 
 
 def _write(snapshots: Iterable[Snapshot], path: Path) -> None:
@@ -560,8 +571,18 @@ def snapshot_of_frame(frame: Any) -> tuple[Snapshot, list[str]]:
         for name, one in frame.log.items()
         if name.startswith(_OF_PARTICLES) and np.shape(one)[:1] == (len(position),)
     }
-    is_exact = all(own.get(name) is not None for name in REQUIRED)
-    known = {_LOG + name for name in own if is_own(name)} | {_OF_PARTICLES + name for name in fields}
+    given = own.pop(SEAL, None)
+    missing = [name for name in REQUIRED if own.get(name) is None]
+    is_exact = not missing
+    if missing and (given is not None or any(is_own(name) for name in own)):
+        raise ValueError(
+            f"it must hold all chunks {_LOG}... that it was written with, got none named {', '.join(missing)}: without "
+            f"any it is read in single precision"
+        )
+    if given is not None:
+        beside = {FIELD + name: one for name, one in fields.items()}
+        check_seal(_sealed(own | beside), np.asarray(given).tobytes().hex())
+    known = {_LOG + SEAL} | {_LOG + name for name in own if is_own(name)} | {_OF_PARTICLES + name for name in fields}
     left_out = _left_out(frame, seen, known, is_exact)
     if not is_exact:
         velocity = np.asarray(frame.particles.velocity, dtype=np.float64)

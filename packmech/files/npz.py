@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 
 from packmech.box import Box
+from packmech.check import brief
 from packmech.effects.bonds import BondLimits, Bonds
 from packmech.effects.laws import registered_laws
 from packmech.files.archive import SEAL, read_archive, write_archive
@@ -77,8 +78,8 @@ FIELD, CONTACT = "field_", "contact_"
 def _arrays(path: Path) -> dict[str, Any]:
     arrays: dict[str, Any] = read_archive(path)
     version = arrays.get("format_version", np.array(_FORMAT_VERSION))
-    if version.shape != () or version > _FORMAT_VERSION:
-        raise ValueError(f"format_version must be at most {_FORMAT_VERSION}, got {version}")
+    if version.shape != () or version.dtype.kind not in "iu" or not 1 <= version <= _FORMAT_VERSION:
+        raise ValueError(f"format_version must be an integer from 1 to {_FORMAT_VERSION}, got {brief(version)}")
     return arrays
 
 

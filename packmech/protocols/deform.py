@@ -14,7 +14,7 @@ from scipy.linalg import expm, logm
 
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import brief, instance, integer, positive, real
+from packmech.check import brief, check_steps, instance, integer, positive, real
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
@@ -392,7 +392,7 @@ def deform(
     """
     control = _control(scene, strain, stress)
     no_own_images("scene.packing", scene.packing)
-    integer("steps", steps, at_least=1)
+    integer("steps", steps, at_least=1, bytes_each=8.0)
     tolerance = positive("force_tolerance", force_tolerance)
     check_jammed(scene)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
@@ -579,6 +579,7 @@ def deform_at_rate(
     instance("ledger", ledger, bool)
     tolerance = positive("stress_tolerance", stress_tolerance)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
+    check_steps("strain / rate", max(map(abs, control.strain.values())) / rate, step)
     moving = _InTime(scene, control, rate, answer, step, ledger)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     return loop.run(lambda: moving.through(loop, tolerance), lambda outcome: moving.finish(outcome, tolerance))

@@ -131,9 +131,7 @@ class PressurePath:
         protocol, load = self.protocol, self.way.load(further)
         self.rearrangements += 1
         self.before = None
-        state = find_bottom(
-            packing, protocol.units, protocol.basis_kdd, load, self.tolerance, watch=protocol.in_time
-        )
+        state = find_bottom(packing, protocol.units, protocol.basis_kdd, load, self.tolerance, watch=protocol.in_time)
         self.iterations += state.iterations
         self.tried = state if state.sound(self.tolerance) else search_pressure(protocol, packing, load)
         self.lengths.grow()

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from packmech.calls.status import Progress
+from packmech.check import check_steps
 from packmech.dynamics.book import refuse_unknown
 from packmech.dynamics.integrators import INTEGRATORS, VelocityVerlet, choose_time_step
 from packmech.dynamics.simulate import simulate, simulate_from
@@ -70,6 +71,7 @@ def follow(
         fraction = (VelocityVerlet() if drive.method is None else drive.method).fraction
         longest = choose_time_step(scene, fraction) if drive.dt is None else drive.dt
         assert drive.duration is not None
+        check_steps("drive.duration", drive.duration, longest)
         steps = int(np.ceil(drive.duration / longest))
     arguments: dict[str, Any] = {
         **({"steps": drive.steps} if drive.duration is None else {"duration": drive.duration}),

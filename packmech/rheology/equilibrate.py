@@ -11,7 +11,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from packmech.calls.honors import honors
-from packmech.check import brief, integer, positive, two_axes
+from packmech.check import brief, check_steps, integer, positive, two_axes
 from packmech.dynamics.deformation import OscillatoryStrain, Sine
 from packmech.effects import BackgroundDamping, Repulsion, bonds_of
 from packmech.loop.checkpoint import Arrays, IndexBounds, scene_fingerprints
@@ -30,6 +30,8 @@ _QUENCHED = 1e-10
 _SAMPLES = 200
 # while a scene settles, drag relaxes velocities at least at this rate times 1/tau
 _SETTLING = 0.5
+# periods without a smaller oscillation than all before, after which none is waited for
+_STALLED = 50
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -162,6 +164,7 @@ def equilibrate(
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     largest = positive("largest_oscillation", largest_oscillation)
     limit = integer("step_limit", step_limit, at_least=1)
+    check_steps("1 / frequency", 1.0 / rate, settings.longest)
     bonded = bonds_of(scene.effects) is not None
     if frictionless is not None and not isinstance(frictionless, bool):
         raise TypeError(f"frictionless must be True, False or None, got {brief(frictionless)}")
@@ -192,7 +195,7 @@ def equilibrate(
         direction_dd=OscillatoryStrain(size, rate, axes=pair).direction(scene.packing.dimension),
         axes=pair,
     )
-    periods, taken = 0, 0
+    periods, taken, since, least = 0, 0, 0, math.inf
     while True:
         run = _period(settings, scene.replace(packing=packing), plan)
         outcome = run.outcome
@@ -201,7 +204,10 @@ def equilibrate(
         stress = run.shear_stress_t
         oscillation = 0.5 * float(stress.max() - stress.min())
         found = oscillation < largest * expected
-        if found or outcome is not Outcome.FINISHED or not start.ok or taken + 2 * each > limit:
+        since = 0 if oscillation < least else since + 1
+        least = min(least, oscillation)
+        stalled = since == _STALLED
+        if found or stalled or outcome is not Outcome.FINISHED or not start.ok or taken + 2 * each > limit:
             break
         settled = _period(settings, _dragged(scene, settings).replace(packing=packing), plan)
         outcome = settled.outcome
@@ -209,7 +215,8 @@ def equilibrate(
         packing = settled.packing.replace(tangential=None)
         stages += settled.stages
     if outcome is Outcome.FINISHED:
-        outcome = (Outcome.CONVERGED if found else Outcome.STEP_LIMIT) if start.ok else start
+        missed = Outcome.STALLED if stalled else Outcome.STEP_LIMIT
+        outcome = (Outcome.CONVERGED if found else missed) if start.ok else start
     made = Equilibration(
         packing=packing,
         outcome=outcome,

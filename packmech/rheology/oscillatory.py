@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
-from packmech.check import brief, instance, integer, one_of, positive, real, two_axes
+from packmech.check import brief, check_steps, instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import bonds_of, equal_partners, is_bound, law_second, pair_second
@@ -371,6 +371,7 @@ def oscillatory_shear(
     pre = real("pre_periods", pre_periods, at_least=0.0)
     count = positive("periods", periods)
     post = real("post_periods", post_periods, at_least=0.0)
+    check_steps("periods / frequency", (pre + count + post) / rate, settings.longest)
     if skip_periods is None:
         skip = 1.0 if count >= 2.0 else 0.0
     else:

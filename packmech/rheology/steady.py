@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
-from packmech.check import integer, one_of, positive, real, two_axes
+from packmech.check import check_steps, integer, one_of, positive, real, two_axes
 from packmech.dynamics.deformation import MODES, Ramp, SteadyStrain
 from packmech.dynamics.integrators import stiffness_and_damping
 from packmech.dynamics.observables import tensors
@@ -125,6 +125,7 @@ def _ramp(
     judge: Callable[[StrainRun], StrainRun] | None = None,
 ) -> StrainRun:
     duration = strain / abs(rate)
+    check_steps("applied_strain / rate", duration, settings.longest)
     every = max(1, math.ceil(duration / (settings.longest * samples) * (1.0 - 1e-12)))
     steps = every * samples
     plan = StrainPlan(
@@ -487,6 +488,7 @@ def creep(
     if load == 0.0:
         raise ValueError("stress must not be zero, got 0.0")
     time = positive("duration", duration)
+    check_steps("duration", time, settings.longest)
     held = time if hold is None else real("hold", hold, above=0.0, at_most=time)
     packing = scene.packing
     d, volume = packing.dimension, packing.box.volume

@@ -314,6 +314,42 @@ def test_a_frame_that_another_program_appended_is_not_taken_for_the_first(tmp_pa
     assert pm.read_packing(tmp_path / "a.gsd").position_nd == pytest.approx(packing.position_nd + [0.25, 0.0])
 
 
+def changed(tmp_path, change):
+    """Write a packing, change the log chunks of its frame as another program would, and return the file."""
+    pm.write_packing(pm.lattice_packing("triangular", repeats=(2, 2)), tmp_path / "a.gsd")
+    with gsd.open(str(tmp_path / "a.gsd"), "r") as file:
+        frame = file[0]
+    change(frame.log)
+    return written(tmp_path, frame)
+
+
+@pytest.mark.parametrize("name", ["position_nd", "radius_n", "lattice_dd"])
+def test_a_change_in_the_last_digit_breaks_the_seal(name, tmp_path):
+    def change(log):
+        array = log[f"packmech/{name}"].copy()
+        array.flat[-1] = np.nextafter(array.flat[-1], np.inf)
+        log[f"packmech/{name}"] = array
+
+    with pytest.raises(ValueError, match="its arrays must be those that were written, by their seal"):
+        pm.read_packing(changed(tmp_path, change))
+
+
+@pytest.mark.parametrize("name", ["position_nd", "radius_n", "lattice_dd"])
+def test_a_frame_that_lost_an_exact_array_is_not_read_in_single_precision(name, tmp_path):
+    path = changed(tmp_path, lambda log: log.pop(f"packmech/{name}"))
+    with pytest.raises(ValueError, match=f"it must hold all chunks packmech/.* got none named {name}"):
+        pm.read_packing(path)
+
+
+def test_a_frame_without_exact_arrays_is_read_as_every_reader_sees_it(tmp_path):
+    packing = pm.lattice_packing("triangular", repeats=(2, 2))
+    found = pm.read_packing(changed(tmp_path, lambda log: log.clear()))
+    apart = found.position_nd - packing.position_nd
+    assert np.abs(apart + packing.box.nearest_images(apart) @ packing.box.lattice_dd.T).max() < 1e-6
+    # what was written before there were seals
+    assert pm.read_packing(changed(tmp_path, lambda log: log.pop("packmech/sha256"))) == packing
+
+
 def test_a_scene_file_names_the_frame(tmp_path):
     written(tmp_path, *(two(diameter=[1.0 + k, 1.0]) for k in range(3)))
     (tmp_path / "scene.toml").write_text(

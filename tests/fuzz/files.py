@@ -34,7 +34,7 @@ from packmech.loop.checkpoint import fingerprint  # noqa: E402
 
 Damage = Callable[[bytes, np.random.Generator], bytes]
 # files whose bytes are under a seal: whatever is read of them must be what was written
-SEALED = ("packing.npz", "shapes.npz", "run.npz", "ensemble/result")
+SEALED = ("packing.npz", "packing.gsd", "shapes.npz", "run.npz", "ensemble/result")
 
 
 def discs() -> pm.Packing:

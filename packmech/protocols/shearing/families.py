@@ -15,7 +15,7 @@ from packmech.box import Box
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import instance, listed, positive, real, two_axes
+from packmech.check import check_memory, instance, listed, positive, real, two_axes
 from packmech.contacts.network import find_contacts, pair_contacts
 from packmech.contacts.overlaps import overlap_of_hard
 from packmech.contacts.pairs import are_among
@@ -284,6 +284,7 @@ def shear_families(
         if not min(0.0, end) <= one <= max(0.0, end):
             raise ValueError(f"keep[{k}] must lie between 0 and applied_strain, got {one}")
     small = positive("pressure", pressure)
+    check_memory("applied_strain / step", 8.0 * abs(end) / size)
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     with single_thread():

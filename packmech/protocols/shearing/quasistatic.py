@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import instance, integer, one_of, positive, real, two_axes
+from packmech.check import check_memory, instance, integer, one_of, positive, real, two_axes
 from packmech.contacts.pairs import pair_names
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.jit.blas import single_thread
@@ -39,6 +39,8 @@ _COLUMNS = (
 _FALL = 1e-12
 # strain within which a network that comes again is not located again
 _PROGRESS = 1e-9
+# bytes that a strain to go to takes
+_GOAL_BYTES = 32.0
 
 
 @shown()
@@ -408,6 +410,7 @@ def cyclic_shear(
     largest, size = positive("amplitude", amplitude), positive("step", step)
     number = integer("cycles", cycles, at_least=1)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
+    check_memory("amplitude / step", _GOAL_BYTES * largest / size)
     steps = max(1, math.ceil(largest / size - 1e-9))
     up = np.linspace(0.0, largest, steps + 1)[1:]
     quarter = np.concatenate([up[:-1][::-1], [0.0]])
@@ -514,6 +517,7 @@ class _Shear:
         self.most_avalanches = most
         if smallest is not None:
             self.largest_loss = 0.5 * smallest * self.protocol.scene.energy_scale
+        check_memory("applied_strain / step", _GOAL_BYTES * abs(end) / step)
         steps = max(1, math.ceil(abs(end) / step - 1e-9))
         return self.run(np.linspace(0.0, end, steps + 1)[1:])
 

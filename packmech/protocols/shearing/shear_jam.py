@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import instance, positive, two_axes
+from packmech.check import check_steps, instance, positive, two_axes
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.spans import Spans
 from packmech.effects import BackgroundDamping
@@ -132,6 +132,7 @@ class _Shearing:
         self.dragged = (*scene.effects, BackgroundDamping(_DRAG / tau))
         dt = choose_time_step(scene.replace(effects=self.dragged), _STEP)
         self.rate = rate / tau
+        check_steps("step / rate", step / self.rate, dt)
         # a step of strain is a whole number of spans
         self.spans_of_step = max(1, math.ceil(step / self.rate / (_SPAN * tau)))
         self.steps_of_span = max(1, math.ceil(step / self.rate / (self.spans_of_step * dt)))
