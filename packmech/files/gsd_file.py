@@ -66,6 +66,8 @@ _SPRING, _CONTACT = "spring", "contact"
 # the name of a particle type where there are several kinds
 _KIND_NAME = re.compile(r"kind(\d+)_[A-Z]\d*")
 _SINGLE = ROUNDING
+# of what a frame of the schema has counts
+_COUNTED = ("particles", "bonds", "angles", "dihedrals", "impropers", "constraints", "pairs")
 
 
 @dataclass(frozen=True, eq=False)
@@ -528,10 +530,24 @@ class _Frames:
         import gsd.hoomd
 
         with gsd.hoomd.open(str(self.path), "r") as file:
+            for at in {0, number}:
+                self._check_counts(file.file, at)
+            ours = file.file.find_matching_chunk_names(f"log/{_LOG}")
+            # frames that another program appended have none
+            if number == 0 and ours and not any(file.file.chunk_exists(0, name) for name in ours):
+                raise ValueError(f"it must hold {', '.join(ours)} in frame 0, got none of them")
             found = file[number]
             # the library fills in the chunks of frame 0, which are of another packing
             found.log = {name: one for name, one in found.log.items() if file.file.chunk_exists(number, f"log/{name}")}
         return snapshot_of_frame(found)
+
+    def _check_counts(self, file: Any, number: int) -> None:
+        """Refuse a frame that counts more of something than its file has bytes: the library makes room for all."""
+        for name in _COUNTED:
+            if file.chunk_exists(number, f"{name}/N"):
+                count = int(np.ravel(file.read_chunk(number, f"{name}/N"))[0])
+                if count > self.path.stat().st_size:
+                    raise ValueError(f"{name}/N must be at most the bytes of its file, got {count}")
 
 
 def snapshot_of_frame(frame: Any) -> tuple[Snapshot, list[str]]:
@@ -582,6 +598,9 @@ def snapshot_of_frame(frame: Any) -> tuple[Snapshot, list[str]]:
     if given is not None:
         beside = {FIELD + name: one for name, one in fields.items()}
         check_seal(_sealed(own | beside), np.asarray(given).tobytes().hex())
+    unknown = next((name for name in own if not is_own(name)), None)
+    if given is None and unknown is not None:
+        raise ValueError(f"its chunks {_LOG}... must have names of packmech's, or a seal ({SEAL}), got {unknown!r}")
     known = {_LOG + SEAL} | {_LOG + name for name in own if is_own(name)} | {_OF_PARTICLES + name for name in fields}
     left_out = _left_out(frame, seen, known, is_exact)
     if not is_exact:

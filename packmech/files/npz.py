@@ -79,7 +79,9 @@ def _arrays(path: Path) -> dict[str, Any]:
     arrays: dict[str, Any] = read_archive(path)
     version = arrays.get("format_version", np.array(_FORMAT_VERSION))
     if version.shape != () or version.dtype.kind not in "iu" or not 1 <= version <= _FORMAT_VERSION:
-        raise ValueError(f"format_version must be an integer from 1 to {_FORMAT_VERSION}, got {brief(version)}")
+        raise ValueError(
+            f"format_version must be an integer from 1 to {_FORMAT_VERSION}, got {brief(version.tolist())}"
+        )
     return arrays
 
 

@@ -245,7 +245,10 @@ def test_truncated_npz_is_refused(tmp_path):
         ({"position_nd": np.zeros((1, 2))}, "it must hold the arrays radius_n, lattice_dd, got position_nd"),
         ({"position_nd": np.zeros(2), "radius_n": [1.0], "lattice_dd": np.eye(2)}, "position_nd must have shape"),
         ({"position_nd": [[0.0, 0.0]], "radius_n": [1.0], "lattice_dd": np.zeros((2, 2))}, "must have linearly indep"),
-        ({"format_version": 99}, "format_version must be at most 10, got 99"),
+        *(
+            ({"format_version": version}, "format_version must be an integer from 1 to 10, got ")
+            for version in (99, 0, -1, np.nan, 1.0, 1j, True, [1], np.uint64(2**64 - 1))
+        ),
         ({"format_version": "new"}, "path must name a readable packing"),
         ({"position_nd": np.array([None, 1])}, "path must name a readable packing"),
     ],

@@ -341,6 +341,25 @@ def test_a_frame_that_lost_an_exact_array_is_not_read_in_single_precision(name, 
         pm.read_packing(path)
 
 
+def test_a_seal_whose_name_was_damaged_is_not_taken_for_none(tmp_path):
+    def change(log):
+        log["packmech/sha255"] = log.pop("packmech/sha256")
+
+    with pytest.raises(ValueError, match="must have names of packmech's, or a seal .sha256., got 'sha255'"):
+        pm.read_packing(changed(tmp_path, change))
+
+
+def test_a_count_that_no_file_could_hold_is_refused_before_there_is_room_for_it(tmp_path):
+    import gsd.fl
+
+    with gsd.fl.open(str(tmp_path / "b.gsd"), "w", application="any", schema="hoomd", schema_version=[1, 4]) as file:
+        file.write_chunk("configuration/dimensions", np.array([2], dtype=np.uint8))
+        file.write_chunk("particles/N", np.array([2**31], dtype=np.uint32))
+        file.end_frame()
+    with pytest.raises(ValueError, match="particles/N must be at most the bytes of its file, got 2147483648"):
+        pm.read_packing(tmp_path / "b.gsd")
+
+
 def test_a_frame_without_exact_arrays_is_read_as_every_reader_sees_it(tmp_path):
     packing = pm.lattice_packing("triangular", repeats=(2, 2))
     found = pm.read_packing(changed(tmp_path, lambda log: log.clear()))
