@@ -148,6 +148,7 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
             Seeds or a mask of another kind or number.
 
         """
+        self._check_open()
         rest = dict(options or {})
         mask = _mask(rest.pop("reset_mask", None), self.num_envs)
         for b, one in enumerate(_seeds(seed, self.num_envs)):
@@ -179,6 +180,7 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
             If an environment was never reset, or not since its episode ended where nothing resets it by itself.
 
         """
+        self._check_open()
         over = self._done_b
         if self._fresh_b.any() or (over.any() and self.autoreset_mode is AutoresetMode.DISABLED):
             waiting = np.flatnonzero(self._fresh_b | over)
@@ -214,6 +216,12 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
                 _add_infos(infos, episodes.infos(), restart)
             self._done_b = ended
         return episodes.observation_bk.copy(), reward, terminated, truncated, infos
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise gym.error.ClosedEnvironmentError(
+                "the environments must be open, got some that are closed: make others"
+            )
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return a picture of each environment; None without a render_mode."""

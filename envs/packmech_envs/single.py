@@ -54,7 +54,7 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
         self.observation_names, self.action_names = episodes.observation_names, episodes.action_names
         self.observation_space, self.action_space = episodes.observation_space, episodes.action_space
         self._actions = Actions(episodes.action_space)
-        self._must_reset = True
+        self._must_reset, self._closed = True, False
         self._start = 0.0
 
     @property
@@ -74,6 +74,7 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
     def _checked(self, action: Any) -> NDArray[np.float64]:
         """Return a (1, K) action inside the space, if a step may be taken."""
         if self._must_reset:
+            self._check_open()
             raise gym.error.ResetNeeded("the environment must be reset before it can be stepped")
         return self._actions.one(action)
 
@@ -90,6 +91,7 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
             Those that the environment has for a start; None: none.
 
         """
+        self._check_open()
         super().reset(seed=seed)
         self._start = time.process_time()
         self._episodes.start([0], [self.np_random], options)
@@ -118,8 +120,13 @@ class SingleEnv(gym.Env[NDArray[np.float64], NDArray[np.float64]], gym.utils.EzP
         return ", ".join(f"{name} {value:.4g}" for name, value in now.items())
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one, and the environment: it takes no more steps."""
         self._screen.close()
+        self._closed = self._must_reset = True
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise gym.error.ClosedEnvironmentError("the environment must be open, got one that is closed: make another")
 
 
 class QuenchEnv(SingleEnv[QuenchEpisodes]):

@@ -167,7 +167,7 @@ def carry_out(wanted: Wanted) -> int:
         try:
             with _live(wanted) as live:
                 watch = Watch(say, live)
-                done = run_drive(scene, frames=wanted.frames, progress=watch, checkpoint=path)
+                done = _run(wanted, watch, path)
             done = _with_trace(done, scene, watch) if wanted.frames else done
             files.write_packing(_packing(done), scene)  # before the examination, which may be interrupted
             strain = getattr(scene.drive, "examined_strain", None)
@@ -190,6 +190,17 @@ def carry_out(wanted: Wanted) -> int:
                 show(f"packmech: {what}{NotConverged(one)}", error=True)
                 code = FAILED
     return code
+
+
+def _run(wanted: Wanted, watch: Watch, path: Path | None) -> Any:
+    """Return the run; where its checkpoint cannot be written at the end, say so, and the results are whole."""
+    try:
+        return run_drive(wanted.scene, frames=wanted.frames, progress=watch, checkpoint=path)
+    except OSError as failure:
+        if not hasattr(failure, "run"):
+            raise
+        show(f"packmech: the checkpoint could not be written: {failure}", error=True)
+        return failure.run
 
 
 @contextmanager

@@ -117,6 +117,11 @@ def replacing(target: Path) -> Iterator[Path]:
             with suppress(OSError):
                 shutil.copymode(whole, partial)
             os.replace(partial, whole)
+    except OSError as error:
+        # a full disk: who reads of it knows the file, not the name of the half of it
+        if error.errno is None or error.filename not in (None, str(partial)):
+            raise
+        raise OSError(error.errno, error.strerror, str(target)) from error
     finally:
         partial.unlink(missing_ok=True)
 
@@ -138,11 +143,13 @@ def _behind_links(target: Path) -> Path:
 def _remove_forgotten(whole: Path) -> None:
     """Remove half-written files of a target that nobody writes any more."""
     length = len(_beside(whole.name))
-    with suppress(OSError):
-        for entry in os.scandir(whole.parent):
+    with suppress(OSError), os.scandir(whole.parent) as entries:
+        for entry in entries:
             ours = entry.name.startswith(f".{whole.stem}.") and entry.name.endswith(whole.suffix)
-            if not ours or len(entry.name) != length or time.time() - entry.stat().st_mtime < _FORGOTTEN:
+            if not ours or len(entry.name) != length:
                 continue
             with suppress(OSError), open(entry.path, "rb") as file:
+                if time.time() - entry.stat().st_mtime < _FORGOTTEN:
+                    continue
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 os.unlink(entry.path)

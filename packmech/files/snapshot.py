@@ -135,7 +135,10 @@ class Snapshot:
         elif array.dtype.kind == "U" and array.shape == (many,):
             found = array.copy()
         elif array.dtype.kind in "iufb" and array.ndim in (1, 2) and len(array) == many:
-            found = array.astype(np.float64 if array.dtype.kind == "f" else np.int64)
+            if array.dtype.kind == "u":
+                found = integer_array(shown, array, shape=(None,) * array.ndim)
+            else:
+                found = array.astype(np.float64 if array.dtype.kind == "f" else np.int64)
         else:
             found = finite_array(shown, value, shape=shape)
         if own is None and found.ndim == 2 and found.shape[1] == 1:

@@ -200,10 +200,12 @@ def listed_numbers(name: str, values: Any, what: str) -> list[float]:
 def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Callable[[list[R]], C]) -> C:
     """Return what is gathered of a run for each of the numbers.
 
+    Where a checkpoint could not be written, OSError is raised at the end, with `.run` set to what is gathered.
     An interrupt is passed on with `.run` set to what is gathered of the runs that were finished, or, where none was, to
     the one that it stopped; that one is `.unfinished`, too.
     """
     runs: list[R] = []
+    failure: OSError | None = None
     for value in values:
         try:
             runs.append(run(value))
@@ -211,6 +213,15 @@ def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Calla
             stop.unfinished = getattr(stop, "run", None)  # type: ignore[attr-defined]
             stop.run = gathered(runs) if runs else stop.unfinished  # type: ignore[attr-defined]
             raise
+        except OSError as error:
+            # its checkpoint could not be written; the run itself is whole
+            if getattr(error, "run", None) is None:
+                raise
+            runs.append(error.run)  # type: ignore[attr-defined]
+            failure = error
+    if failure is not None:
+        failure.run = gathered(runs)  # type: ignore[attr-defined]
+        raise failure
     return gathered(runs)
 
 

@@ -111,6 +111,21 @@ def test_a_checkpoint_that_was_asked_for_stays_and_spares_the_work(folder, monke
     assert plain(folder / "a.json") == before
 
 
+def test_a_full_disk_loses_the_checkpoint_and_no_result(folder, monkeypatch, capsys):
+    assert run("flow.toml", "--json", "a.json") == 0
+    right = plain(folder / "a.json")
+
+    def full(*given, **named):
+        raise OSError(28, "No space left on device", "mine.npz")
+
+    monkeypatch.setattr("packmech.loop.checkpoint.write_checkpoint", full)
+    assert run("flow.toml", "--checkpoint", "mine.npz", "--json", "b.json") == 0
+    assert "the checkpoint could not be written: [Errno 28] No space left on device: 'mine.npz'" in (
+        capsys.readouterr().err
+    )
+    assert plain(folder / "b.json") == right and not (folder / "mine.npz").exists()
+
+
 def test_a_checkpoint_of_another_scene_is_refused(folder):
     assert run("sine.toml", "--checkpoint", "mine.npz") == 0
     (folder / "sine.toml").write_text(CRYSTAL.replace("0.5", "0.4") + DRIVES["sine"])

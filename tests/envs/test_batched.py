@@ -182,6 +182,16 @@ def test_wrong_settings_of_a_batch_are_refused(how, message):
         QuenchVectorEnv(**how)
 
 
+def test_environments_that_are_closed_take_no_steps_and_no_resets():
+    envs = Walks(2)
+    envs.reset(seed=1)
+    envs.close()
+    envs.close()
+    for act in (envs.reset, lambda: envs.step(np.zeros((2, 2)))):
+        with pytest.raises(gym.error.ClosedEnvironmentError, match="environments must be open, got some .* closed"):
+            act()
+
+
 def test_a_step_before_any_reset_is_refused():
     with pytest.raises(gym.error.ResetNeeded, match="environment 0 must be reset"):
         Walks(2).step(np.zeros((2, 2)))

@@ -430,6 +430,17 @@ def test_actions_outside_the_space_get_one_clear_error(action, message):
         env.step(action)
 
 
+def test_an_environment_that_is_closed_shows_its_packing_and_takes_no_steps_and_no_resets():
+    env = QuenchEnv(discs())
+    env.reset(seed=1)
+    env.close()
+    env.close()
+    for act in (env.reset, lambda: env.step([0.0, 0.0])):
+        with pytest.raises(gym.error.ClosedEnvironmentError, match="environment must be open, got one that is closed"):
+            act()
+    assert env.packing.particles == env.scene.packing.particles
+
+
 def test_a_step_before_the_first_reset_is_refused():
     with pytest.raises(gym.error.ResetNeeded):
         QuenchEnv(discs()).step([0.0, 0.0])

@@ -474,6 +474,13 @@ def test_the_sign_of_z_does_not_make_a_plane_of_a_layer_in_space(tmp_path):
         assert pm.read_packing(tmp_path / f"a{ending}") == layer
 
 
+def test_whole_numbers_that_no_int64_holds_are_refused_and_not_turned_negative():
+    packing = pm.lattice_packing("square", repeats=(2, 2))
+    with pytest.raises(ValueError, match="fields.*must be below 2.63, got 18446744073709551615 for particle 3"):
+        pm.Snapshot(packing, {"id": np.array([1, 2, 3, 2**64 - 1], dtype=np.uint64)})
+    assert pm.Snapshot(packing, {"id": np.array([1, 2, 3, 2**63 - 1], dtype=np.uint64)}).fields["id"][3] == 2**63 - 1
+
+
 @pytest.mark.parametrize("ending", [".csv", ".dump", ".extxyz", ".npz"])
 def test_fields_of_words_whole_numbers_and_nothing_come_back(tmp_path, ending):
     own = {

@@ -1,5 +1,6 @@
 """Names of files, and files that are replaced as a whole."""
 
+import concurrent.futures
 import fcntl
 import os
 from pathlib import Path
@@ -84,6 +85,27 @@ def test_a_write_that_fails_leaves_the_old_file_and_nothing_else(tmp_path):
         partial.write_text("half")
         raise OSError("full")
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("a.txt", "old")]
+
+
+def test_a_write_that_fails_names_the_file_and_not_the_half_of_it(tmp_path):
+    with pytest.raises(OSError, match=r"\[Errno 28\] no room: '.*/a.txt'"), replacing(tmp_path / "a.txt") as partial:
+        raise OSError(28, "no room", str(partial))
+    with pytest.raises(OSError, match=r"\[Errno 28\] no room: '.*/a.txt'"), replacing(tmp_path / "a.txt"):
+        raise OSError(28, "no room")
+
+
+def test_threads_that_write_one_file_leave_one_of_theirs_whole(tmp_path):
+    texts = [str(k) * 100_000 for k in range(4)]
+
+    def write(text):
+        for _ in range(20):
+            with replacing(tmp_path / "a.txt") as partial:
+                partial.write_text(text)
+            assert (tmp_path / "a.txt").read_text() in texts
+
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        list(pool.map(write, texts))
+    assert [one.name for one in tmp_path.iterdir()] == ["a.txt"]
 
 
 def test_files_that_a_killed_process_left_are_removed_and_those_in_work_are_not(tmp_path):
