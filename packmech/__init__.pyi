@@ -145,6 +145,8 @@ from packmech.protocols.jam import Decompression as Decompression
 from packmech.protocols.jam import StepHalving as StepHalving
 from packmech.protocols.jam import Press as Press
 from packmech.minimize.batch import QuenchBatch as QuenchBatch
+from packmech.protocols.displaced_rest import displaced_rest as displaced_rest
+from packmech.protocols.displaced_rest import DisplacedRest as DisplacedRest
 
 # minimizers
 from packmech.minimize.first_order.fire import Fire as Fire

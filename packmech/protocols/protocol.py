@@ -497,7 +497,8 @@ def judged(
     if outcome not in (Outcome.CONVERGED, Outcome.ROUNDING_FLOOR):
         return outcome
     if share is not None and share < 1.0 - BORNE_BY_RATTLERS:
-        return Outcome.NOT_JAMMED
+        # a contact that bears less than rounding makes of it may be lost, and what it held seems to rattle
+        return Outcome.STALLED if FLOORS * floor > BORNE_BY_RATTLERS else Outcome.NOT_JAMMED
     asked, tolerance = report["pressure_asked"], protocol.force_tolerance
     least = max(tolerance, FLOORS * floor)
     if residual > least or (asked is not None and abs(report["pressure"] / asked - 1.0) > max(least, PRESSED)):

@@ -27,6 +27,8 @@ class HardCase:
         The largest value of the quantity that is right, and where it comes from.
     value
         Function that measures the quantity.
+    naive
+        What a way that suggests itself gives in its place: a function that measures it, or a sentence.
 
     """
 
@@ -36,16 +38,21 @@ class HardCase:
     bound: float
     why: str
     value: Callable[[], float]
+    naive: Callable[[], float] | str = ""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A case with the measured value (NaN if it raised, with the reason) and the CPU seconds that it took."""
+    """A case with the measured value (NaN if it raised, with the reason) and the CPU seconds that it took.
+
+    `naive` is the figure of the naive way, or the sentence about it.
+    """
 
     case: HardCase
     value: float
     seconds: float
     raised: str = ""
+    naive: str = ""
 
     @property
     def within(self) -> bool:
@@ -69,4 +76,13 @@ def measure(case: HardCase) -> Measured:
         value = float(case.value())
     except FAILURES as error:
         raised = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
-    return Measured(case, value, time.process_time() - began, raised)
+    seconds = time.process_time() - began
+    return Measured(case, value, seconds, raised, case.naive if isinstance(case.naive, str) else _figure(case.naive))
+
+
+def _figure(naive: Callable[[], float]) -> str:
+    """Return what the naive way gives; that it breaks is an answer, too."""
+    try:
+        return f"{float(naive()):.3g}"
+    except FAILURES as error:
+        return f"{type(error).__name__}"
