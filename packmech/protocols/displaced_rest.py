@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,23 +13,30 @@ from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.contacts import Contacts
 from packmech.contacts.exact_gaps import ExactPairs
 from packmech.contacts.network import Candidates, candidate_pairs, pair_contacts
+from packmech.contacts.pairs import are_among
 from packmech.effects import ContactTerms, Touches, at_distances, contact_terms
 from packmech.jamming.hard_packing import contact_system
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing
-from packmech.result import NotConverged, Outcome, Run
+from packmech.result import Condition, NotConverged, Outcome, Run
 from packmech.scene import Scene
 
 # pairs whose gaps in the reference are below so many mean overlaps may come to bear
 _REACH = 100.0
-# of a contact that is open, in the matrix of a step, over the mean of those that bear
-_OPEN = 1e-9
+# stiffness of a contact that is open, and of every particle, in the matrix of a step, over the smallest that bears
+_OPEN, _HOLD = 1e-9, 1e-12
 # balance that is enough at a pressure on the way [1]
 _ON_THE_WAY = 1e-4
 # laws are asked for overlaps of at least this part of the contact distance, and go on as a power from there [1]
 _SHALLOWEST = 2.0**-40
+# overlaps of other pairs within so many roundings of a position are none
+_ROUNDINGS = 8.0
+# steps without progress
+_IDLE = 6
+# largest multiple of a step, and halvings to find the lowest place along it
+_FURTHEST, _BISECTIONS = 1e3, 40
 
 
 def terms_at_overlap(effects: tuple[object, ...], touches: Touches, overlap_c: Array) -> ContactTerms:
@@ -146,16 +152,43 @@ class _Balance:
         bearing = self.force_c != 0.0
         mean = float(self.force_c[bearing].mean()) if bearing.any() else 0.0
         largest = float(np.sqrt((self.net.reshape(self.u_nd.shape) ** 2).sum(axis=1)).max())
-        stress = float(np.abs(self.missing_k).max()) / max(float(np.abs(self.load_k).max()), np.finfo(float).tiny)
-        self.residual = max(largest / mean, stress) if mean > 0.0 else np.inf
+        stress, load = float(np.abs(self.missing_k).max()), float(np.abs(self.load_k).max())
+        self.residual = max(largest / mean, stress / load) if mean > 0.0 and load > 0.0 else np.inf
 
     def step(self) -> None:
         """Go to balance of the contacts as springs, which is all but exact at small overlaps."""
-        open_stiffness = _OPEN * float(self.stiffness_c.max())
-        self.system.prepare(np.maximum(self.stiffness_c, open_stiffness))
+        # what keeps the matrix regular is little beside the softest of them
+        softest = float(self.stiffness_c.min(where=self.stiffness_c > 0.0, initial=np.inf))
+        hold, system = _HOLD * softest, self.system
+        system.factor(
+            np.maximum(self.stiffness_c, _OPEN * softest), np.where(system.live_n, hold, 1.0), hold * len(self.u_nd)
+        )
         u_nd, strain_k = self.system.solve(-self.net, -self.missing_k)
-        self.u_nd, self.strain_k = self.u_nd + u_nd, self.strain_k + strain_k
+        size = self._lowest(self.system.extend(u_nd, strain_k), float(self.load_k @ strain_k))
+        self.go_to(self.u_nd + size * u_nd, self.strain_k + size * strain_k)
+
+    def go_to(self, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> None:
+        """Take other displacements."""
+        self.u_nd, self.strain_k = u_nd, strain_k
         self.measure()
+
+    def _lowest(self, growth_c: NDArray[np.float64], work: float) -> float:
+        """Return how far along a step the enthalpy is lowest, which is convex where no contact turns."""
+
+        def slope(size: float) -> float:
+            terms = terms_at_overlap(self.scene.effects, self.now, self.overlap_c - size * growth_c)
+            return work + float(terms.first_c @ growth_c)
+
+        # while no contact opens or closes springs are at their minimum after a whole step
+        if abs(slope(1.0)) <= _ON_THE_WAY * abs(slope(0.0)):
+            return 1.0
+        low, high = 0.0, 1.0
+        while slope(high) < 0.0 and high < _FURTHEST:
+            low, high = high, 2.0 * high
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if slope(middle) < 0.0 else (low, middle)
+        return 0.5 * (low + high)
 
 
 def _bearing_pairs(packing: Packing, depth: float) -> Contacts:
@@ -253,36 +286,54 @@ def _pressures(start: float, goal: float) -> list[float]:
 
 def _settle(balance: _Balance, tolerance: float, limit: int) -> tuple[Outcome, int]:
     """Take steps until forces balance, and return how it ended and after how many steps."""
-    best, idle = balance.residual, 0
+    best, place, idle = balance.residual, (balance.u_nd, balance.strain_k), 0
+    outcome, steps = Outcome.STEP_LIMIT, 0
     for steps in range(limit + 1):
-        if balance.residual <= tolerance:
-            return Outcome.CONVERGED, steps
-        idle = 0 if balance.residual < 0.5 * best else idle + 1
-        best = min(best, balance.residual)
+        if balance.residual < best:
+            idle = 0 if balance.residual < 0.5 * best else idle + 1
+            best, place = balance.residual, (balance.u_nd, balance.strain_k)
+        else:
+            idle += steps > 0
         # contacts that open and close may raise it on the way
-        if idle > 6:
-            return Outcome.STALLED, steps
+        if best <= tolerance or idle > _IDLE:
+            outcome = Outcome.CONVERGED if best <= tolerance else Outcome.STALLED
+            break
         if steps < limit:
             try:
                 balance.step()
             except np.linalg.LinAlgError:
                 # so many contacts are open that nothing holds the rest
-                return Outcome.STALLED, steps
-    return Outcome.STEP_LIMIT, limit
+                outcome = Outcome.STALLED
+                break
+    if balance.residual != best:
+        balance.go_to(*place)
+    return outcome, steps
+
+
+def _unlisted(balance: _Balance, packing: Packing) -> int:
+    """Return how many pairs that were not looked at overlap, by more than rounding, in the packing at the end.
+
+    They are pairs of particles that rattle, or that came from afar.
+    """
+    now = pair_contacts(packing, *candidate_pairs(packing.position_nd, packing.radius_n, packing.box))
+    deep = -now.gap_c > _ROUNDINGS * packing.rounding * float(packing.radius_n.min())
+    return int(np.count_nonzero(deep & ~are_among(now, balance.near)))
 
 
 def _finished(balance: _Balance, outcome: Outcome, steps: int, seconds: float) -> DisplacedRest:
     scene, packing = balance.scene, balance.scene.packing
     bearing, gradient_dd = balance.force_c != 0.0, balance.gradient_dd
     position_nd = packing.position_nd + balance.u_nd + packing.position_nd @ gradient_dd.T
-    moved: dict[str, Any] = {"position_nd": position_nd, "box": packing.box.strained(gradient_dd)}
+    moved = packing.replace(position_nd=position_nd, box=packing.box.strained(gradient_dd))
+    others = _unlisted(balance, moved)
     return DisplacedRest(
-        packing.replace(**moved),
-        outcome,
+        moved,
+        Outcome.STALLED if others else outcome,
         balance.residual,
         steps,
         steps + 1,
         seconds,
+        unmet=(Condition("pairs that overlap and were not among those near contact", others, 0),) if others else (),
         reference=packing,
         displacement_nd=balance.u_nd,
         gradient_dd=gradient_dd,

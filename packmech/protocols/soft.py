@@ -32,6 +32,8 @@ _NEAR = 1e-3
 _SWITCHES = 60
 _OPEN, _FURTHEST = 1e-9, 1e6
 _ROUNDS, _TURN = 8, 1e-3
+# motion on the way to a small overlap that is none [mean diameter]
+_TOO_FAR = 0.1
 # where rounding of positions leaves no digits of the overlaps
 _MINIMUM_DEPTH = 1e-11
 # steps in the logarithm of the depth
@@ -121,6 +123,9 @@ def first_soft(hard: HardPacking, units: Units, basis_kdd: NDArray[np.float64], 
     for _ in range(_ROUNDS):
         network = contact_system(contacts, basis_kdd, bearing.count_n() > 0)
         u_nd, strain_k, closed = _one_sided(network, gap, stiffness, load_k, closed)
+        # beside stiffnesses that are millions of times larger the smallest is lost in rounding, and nothing is held
+        if not float(np.abs(u_nd).max()) < _TOO_FAR:
+            break
         packing = network.moved(packing, u_nd, strain_k)
         # contacts turn by u / r, which changes lengths by u^2 / r: linearize again while that matters
         if float(np.abs(u_nd).max()) ** 2 < _TURN * depth:
