@@ -145,7 +145,7 @@ def _cones(coefficient: float) -> float:
     """Count wrong answers of two: held just inside the cone of friction, not held just outside."""
     # the chord between the contacts leans by 90 degrees less half the angle against either normal
     edge = math.pi - 2.0 * math.atan(coefficient)
-    return float((not _cone(coefficient, edge * 1.01)) + _cone(coefficient, edge * 0.99))
+    return float((not _cone(coefficient, edge * 1.1)) + _cone(coefficient, edge * 0.9))
 
 
 RATIO = 1e8
@@ -284,10 +284,10 @@ CASES = (
     *(
         HardCase(
             f"held by two contacts at the edge of the cone, mu = {coefficient:g}",
-            "a disc in a wedge is held or slips out by a hundredth of the angle",
+            "a disc in a wedge is held or slips out by a tenth of the angle",
             "wrong answers of two: held inside the cone, not outside",
             0.0,
-            "forces along the chord between two contacts balance; it lies in both cones or in none",
+            "forces along the chord between two contacts balance; it lies in both cones or in none (opposite means to 1e-8 rad)",
             partial(_cones, coefficient),
             "two contacts of a disc count as holding it, or as not: wrong once whatever the angle",
         )

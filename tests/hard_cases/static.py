@@ -20,14 +20,15 @@ def _packing(position_nd: list[list[float]], radius_n: list[float], lattice_dd: 
     return pm.Packing(np.array(position_nd), np.array(radius_n), pm.Box(np.array(lattice_dd)))
 
 
-def _key_list(packing: pm.Packing) -> list[tuple[int, ...]]:
+def key_list(packing: pm.Packing) -> list[tuple[int, ...]]:
+    """Return the contacts that the library finds, as (i, j, image)."""
     contacts = pm.find_contacts(packing)
     columns = np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd])
     return [tuple(row) for row in columns.tolist()]
 
 
-def _every_pair(packing: pm.Packing, images: int) -> list[tuple[int, ...]]:
-    """Contacts by testing every pair through every image up to `images` cells away: slow, and nothing to get wrong."""
+def every_pair(packing: pm.Packing, images: int) -> list[tuple[int, ...]]:
+    """Return contacts by testing every pair through every image up to `images` cells away: slow, and nothing to get wrong."""
     found = []
     reach = packing.radius_n[:, None] + packing.radius_n[None, :]
     for image in itertools.product(range(-images, images + 1), repeat=packing.dimension):
@@ -42,7 +43,7 @@ def _every_pair(packing: pm.Packing, images: int) -> list[tuple[int, ...]]:
 
 
 def _wrong_contacts(packing: pm.Packing, images: int) -> float:
-    return float(len(set(_key_list(packing)) ^ set(_every_pair(packing, images))))
+    return float(len(set(key_list(packing)) ^ set(every_pair(packing, images))))
 
 
 def _relative(value: NDArray[np.float64] | float, reference: NDArray[np.float64] | float) -> float:
