@@ -126,7 +126,7 @@ def _wide_sizes_candidates() -> float:
     return len(pairs.i_c) / len(pm.find_contacts(packing))
 
 
-def _in_units(length: float) -> float:
+def in_units(length: float) -> float:
     """Energy, stress and contacts in another unit of length and of energy, against ordinary numbers."""
     packing = pm.random_packing(64, dimension=2, packing_fraction=0.9, seed=6)
     scaled = pm.Packing(packing.position_nd * length, packing.radius_n * length, packing.box.scaled(length))
@@ -259,7 +259,7 @@ CASES = (
         "relative difference of energy, forces and stress to ordinary units",
         1e-12,
         "scaling rounds each position once: 2e-16 x 8 diameters over the mean overlap, 64 particles",
-        partial(_in_units, 1e-12),
+        partial(in_units, 1e-12),
     ),
     HardCase(
         "units of 1e12",
@@ -267,7 +267,7 @@ CASES = (
         "relative difference of energy, forces and stress to ordinary units",
         1e-12,
         "scaling rounds each position once: 2e-16 x 8 diameters over the mean overlap, 64 particles",
-        partial(_in_units, 1e12),
+        partial(in_units, 1e12),
     ),
     HardCase(
         "triangular crystal, 8 x 8",
