@@ -242,17 +242,125 @@ def _grazing() -> float:
     return abs(float(run.velocity_nd[1, 1]) / push - 1.0)
 
 
-def _grazing_with_friction() -> float:
+def _grazing_with_friction(spin: float = 3.0, dt: float = 5e-3) -> float:
     """Change of the angular momentum of two spinning discs that graze with friction, over the sum of its parts."""
     scene = frictional_scene(pair_of(-1.0, 0.97), friction=0.8, across=5.0, damping=0.2, damping_across=0.3)
     velocity = np.array([[-0.5, 0.0], [0.5, 0.0]])
     run: Any = pm.simulate(
-        scene, duration=3.0, dt=5e-3, velocity_nd=velocity, spin_nk=[[3.0], [1.0]], applied_strain=STILL, trace_every=10
+        scene, duration=3.0, dt=dt, velocity_nd=velocity, spin_nk=[[spin], [1.0]], applied_strain=STILL, trace_every=10
     )
     angular = run.trace.angular_momentum_tk
-    if not run.trace.sliding_t.any() or abs(run.spin_nk[0, 0] - 3.0) < 1e-2:
+    if not run.trace.sliding_t.any() or abs(run.spin_nk[0, 0] - spin) < 1e-2:
         return math.inf
-    return float(np.abs(angular - angular[0]).max() / (5.0 * 2.0 * 0.5 + 0.125 * 4.0))
+    return float(np.abs(angular - angular[0]).max() / (5.0 * 2.0 * 0.5 + 0.125 * (spin + 1.0)))
+
+
+def _beats(ratio: float) -> float:
+    """Largest error, over the largest amplitude, of that pair driven at a ratio of its own frequency for 100 periods.
+
+    u'' + w^2 u = (2 w^2 - W^2 / 2) A sin Wt with u'(0) = A W / 2: u = C sin Wt + D sin wt with C (w^2 - W^2) =
+    (2 w^2 - W^2 / 2) A.
+    """
+    amplitude, omega, phase = 1e-5, 2.0, 0.01
+    driven = ratio * omega
+    packing = pm.Packing(np.array([[1.0, 2.0], [1.5, 2.0]]), np.full(2, 0.1), pm.Box.cubic(4.0, 2), mass_n=np.ones(2))
+    scene = frictional_scene(packing, bonds=bonds_of((0, 1, 0, 0.5), (0, 1, -1, 3.5)))
+    scene = scene.replace(effects=(*scene.effects, pm.BackgroundDamping(0.0)))
+    run: Any = pm.simulate(
+        scene,
+        duration=2.0 * math.pi * 100 / omega,
+        dt=phase / omega,
+        applied_strain=pm.OscillatoryStrain(amplitude, driven / (2.0 * math.pi), mode="uniaxial"),
+        trace_every=50,
+        trace_positions=True,
+    )
+    forced = (2.0 * omega**2 - 0.5 * driven**2) * amplitude / (omega**2 - driven**2)
+    own = (0.5 * amplitude * driven - forced * driven) / omega
+    exact = forced * np.sin(driven * run.trace.time_t) + own * np.sin(omega * run.trace.time_t)
+    found = run.trace.position_tnd[:, 1, 0] - run.trace.position_tnd[:, 0, 0] - 0.5
+    return float(np.abs(found - exact).max() / np.abs(exact).max())
+
+
+def _stretched() -> float:
+    """Largest distance from its start, over the box, of a row of discs taken to a strain of 99 along x, and back."""
+    position = np.stack([1.4 * np.arange(8.0) + 0.6, np.full(8, 7.7)], axis=1)
+    packing = pm.Packing(position, np.full(8, 0.5), pm.Box.cubic(12.0, 2))
+    scene = frictional_scene(packing)
+    there = pm.simulate(scene, steps=1980, dt=0.05, applied_strain=pm.SteadyStrain(1.0, mode="uniaxial"))
+    turned = scene.replace(packing=there.packing)
+    back = pm.simulate(
+        turned, steps=1980, dt=0.05, velocity_nd=there.velocity_nd,
+        applied_strain=pm.SteadyStrain(-0.01, mode="uniaxial"),
+    )  # fmt: skip
+    gone = np.abs(there.packing.position_nd[:, 0] - 100.0 * position[:, 0]).max() / 100.0
+    returned = np.abs(back.packing.position_nd - position).max()
+    box = np.abs(back.packing.box.lattice_dd - packing.box.lattice_dd).max()
+    return float(max(gone, returned, box)) / 12.0
+
+
+FLIGHT = 1_000_000
+
+
+def _free_flight() -> float:
+    """Relative error of the way of a disc that nothing pushes after a million steps, across the box a thousand times."""
+    packing = pm.Packing([[0.1, 0.2], [5.0, 5.0]], [0.5, 0.5], pm.Box.cubic(12.0, 2), mass_n=np.ones(2))
+    velocity = np.array([[1.3, -0.7], [1.3, -0.7]])
+    run = pm.simulate(
+        pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),)), steps=FLIGHT, dt=0.01, velocity_nd=velocity
+    )
+    way = run.packing.position_nd - packing.position_nd
+    if not np.array_equal(run.velocity_nd, velocity):
+        return math.inf
+    return float(np.abs(way / (velocity * 0.01 * FLIGHT) - 1.0).max())
+
+
+def _flight_in_single() -> float:
+    """Return the same of a sum in single precision."""
+    place = np.add.accumulate(np.full(FLIGHT, 0.013, dtype=np.float32), dtype=np.float32)
+    return abs(float(place[-1]) / (0.013 * FLIGHT) - 1.0)
+
+
+def _there_and_back_again() -> float:
+    """Largest distance from their start of two discs that collide, turn around, and collide again backwards."""
+    packing = pair_of(1.05, 0.3)
+    velocity = np.array([[0.2, 0.01], [-0.1, 0.0]])
+    scene = frictional_scene(packing, friction=0.0)
+    way: dict[str, Any] = {"steps": 1000, "dt": 0.01, "applied_strain": STILL}
+    there = pm.simulate(scene, velocity_nd=velocity, **way)
+    back = pm.simulate(scene.replace(packing=there.packing), velocity_nd=-there.velocity_nd, **way)
+    if np.abs(there.velocity_nd - velocity).max() < 0.05:
+        return math.inf
+    return float(np.abs(back.packing.position_nd - packing.position_nd).max())
+
+
+def _no_drift() -> float:
+    """Change of the mean energy, over the kinetic energy, from the first to the last tenth of 100 000 steps."""
+    start = dense_packing(16)
+    scene = frictional_scene(start, friction=0.0)
+    thermal = 1e-4 * np.random.default_rng(0).standard_normal((16, 2))
+    run: Any = pm.simulate(scene, steps=100_000, dt=0.05, velocity_nd=thermal, applied_strain=STILL, trace_every=50)
+    total = energies(run)
+    part = len(total) // 10
+    return float(abs(total[-part:].mean() - total[:part].mean()) / run.trace.kinetic_t.mean())
+
+
+def _top(spin: float) -> float:
+    """Largest error of the axis of a free spheroid after five units of time, by steps of a hundredth, against a top's."""
+    axis = np.array([0.6, 0.0, 0.8])
+    packing = pm.Packing([[2.0] * 3], [0.5], pm.Box.cubic(4.0, 3), shapes=pm.Spheroids([2.5], [axis]))
+    along, across = (float(one[0]) for one in packing.shapes.semi_axes(packing.radius_n))
+    side, own = float(packing.mass_n[0]) * (along**2 + across**2) / 5.0, float(packing.mass_n[0]) * 2.0 * across**2 / 5.0
+    turning = spin * np.array([0.3, -0.4, 1.1])
+    whole = side * turning + (own - side) * (turning @ axis) * axis
+    size = float(np.sqrt(whole @ whole))
+    run = pm.simulate(
+        pm.Scene(packing, (pm.Repulsion(law=pm.LinearSpring()),)), steps=500, dt=0.01, spin_nk=turning[None]
+    )
+    about, angle = whole / size, 5.0 * size / side
+    exact = (
+        math.cos(angle) * axis + math.sin(angle) * np.cross(about, axis) + (1.0 - math.cos(angle)) * (about @ axis) * about
+    )
+    return float(np.abs(run.packing.shapes.director_nd[0] - exact).max())
 
 
 def _squeezed() -> float:
@@ -396,6 +504,67 @@ CASES = (
         1e-13,
         "arms add up to the distance, so that only sums round: 600 steps of 1e-16",
         _grazing_with_friction,
+    ),
+    HardCase(
+        "grazing with friction at a spin of 1e6",
+        "the spin is a million times what friction changes of it in a contact",
+        "change of the angular momentum over the sum of its parts",
+        1e-13,
+        "arms add up to the distance, so that only sums round: 600 steps of 1e-16",
+        partial(_grazing_with_friction, 1e6),
+    ),
+    HardCase(
+        "a spheroid that spins at 1e6",
+        "ten thousand radians in one step: turned by small angles, it is somewhere",
+        "largest error of its axis against that of a symmetric top, 500 steps",
+        1e-8,
+        "the phase of 5e6 x 1.7 rad is rounded by 1e-9, and that of each step by 2e-12, which add up",
+        partial(_top, 1e6),
+        "turned by spin x dt once a step: any direction",
+    ),
+    *(
+        HardCase(
+            f"bonded pair driven at {ratio:g} of its frequency",
+            "beats: the amplitude grows and falls again, at times that the step's error in phase decides",
+            "largest error over the largest amplitude, in 100 periods without damping",
+            2e-3,
+            "velocity Verlet's frequency is (w dt)^2 / 24 too high: 628 rad of half the amplitude, and 4e-4 of the detuning",
+            partial(_beats, ratio),
+        )
+        for ratio in (0.99, 1.01)
+    ),
+    HardCase(
+        "stretched by 99 and back, carried",
+        "images and lattice vectors pile up errors as one side of the box grows a hundredfold",
+        "distance from where the flow carries discs that touch nobody, over the box",
+        1e-12,
+        "4000 steps round by 1e-16 of up to 2 boxes each",
+        _stretched,
+    ),
+    HardCase(
+        "free flight of a million steps",
+        "every step rounds the place, and wrapping it once more",
+        "relative error of the way after 9 000 to 13 000 diameters; infinite if a velocity changed",
+        1e-10,
+        "a million steps round by half a spacing, 9e-13, of 13 000: 7e-11 if all go one way",
+        _free_flight,
+        _flight_in_single,
+    ),
+    HardCase(
+        "a collision and the same backwards",
+        "a method that is not reversible, or contacts that remember",
+        "largest distance from the start, in diameters",
+        1e-12,
+        "2000 steps round by 1e-15 each, at random, and the collision turns them by three",
+        _there_and_back_again,
+    ),
+    HardCase(
+        "100 000 steps without damping",
+        "a drift of a 1e8th in a step is of some tenths of a percent in the end",
+        "change of the mean energy over the mean kinetic energy",
+        6e-4,
+        "velocity Verlet swings by (w dt)^2 / 4 at w^2 = k / m, and its mean stays",
+        _no_drift,
     ),
     HardCase(
         "pressed by two walls",

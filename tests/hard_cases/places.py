@@ -217,7 +217,7 @@ def _long_random() -> float:
     packing = pm.random_packing(300, dimension=2, packing_fraction=4.0, seed=4, box=[[1000.0, 0.0], [0.0, 1.0]])
     run = pm.quench(pm.Scene(packing, HARMONIC), force_tolerance=1e-8, check=False)
     found = set(key_list(run.packing))
-    if found != set(every_pair(run.packing, 5)) or not any(i < j for i, j, *_ in found):
+    if found != set(every_pair(run.packing, 7)) or not any(i < j for i, j, *_ in found):
         return math.inf
     return run.residual if run.ok else math.inf
 
