@@ -242,12 +242,17 @@ class ConstraintFactor:
         """Return a packing of the same particles with its links at their lengths, to rounding of the coordinates."""
         if self.system is None:
             return packing
-        lattice = packing.box.lattice_dd
-        extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(lattice).max()))
-        rounding = 2.0 * np.finfo(np.float64).eps * extent / float(self.system.scale_r.min(initial=np.inf))
+        tolerance = max(TIGHT, self.rounding(packing))
         return packing.replace(
-            position_nd=self.project_positions(packing.position_nd, lattice, max(TIGHT, rounding), NEWTON)[0]
+            position_nd=self.project_positions(packing.position_nd, packing.box.lattice_dd, tolerance, NEWTON)[0]
         )
+
+    def rounding(self, packing: Packing) -> float:
+        """Return the error of a link that rounding of the coordinates can make; 0 without links."""
+        if self.system is None:
+            return 0.0
+        extent = max(float(np.abs(packing.position_nd).max()), float(np.abs(packing.box.lattice_dd).max()))
+        return 2.0 * float(np.finfo(np.float64).eps) * extent / float(self.system.scale_r.min(initial=np.inf))
 
     def strains(self, scale: float, strain: BoxStrain) -> Strains:
         """Return what `project_strained` needs for "free" or "isochoric" strains times a scale."""

@@ -252,7 +252,8 @@ class ReaffixedLinks:
     packing
         The packing at the end, or the one given when the steps led nowhere; its box is the one given.
     outcome
-        `CONVERGED`, `STALLED` when the tolerance was not met, `DEGENERATE` when it was met where links lose rank.
+        `CONVERGED`, `ROUNDING_FLOOR` where the errors are no more than rounding of coordinates makes, `STALLED` when the
+        tolerance was not met, `DEGENERATE` when it was met where links lose rank.
     iterations
         Newton steps.
     residual_t
@@ -339,6 +340,8 @@ def reaffix_links(
     place, residual = factor.project_positions(packing.position_nd, packing.box.lattice_dd, tolerance, limit)
     steps = len(residual) - 1
     outcome = Outcome.CONVERGED if residual[-1] <= tolerance else Outcome.STALLED
+    if tolerance < residual[-1] <= factor.rounding(packing):
+        outcome = Outcome.ROUNDING_FLOOR
     degenerate: tuple[DegenerateLink, ...] = ()
     rank = len(factor.pairs)
     if residual[-1] <= max(_CLOSE, tolerance):

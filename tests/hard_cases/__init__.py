@@ -8,14 +8,26 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from hard_cases import dynamics, jamming, lattices, links, minimizers, static
+from hard_cases import (
+    dynamics,
+    ellipses,
+    jamming,
+    lattices,
+    links,
+    minimizers,
+    places,
+    rough,
+    sizes,
+    static,
+    tiny_pressures,
+)
 from hard_cases.case import HardCase, Measured, measure
 
 __all__ = ["HardCase", "Measured", "catalogue", "measure"]
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """Return every hard case, by rooms: packings as they stand, minimizers, jamming, crystals, links, dynamics.
+    """Return every hard case, by rooms: packings as they stand, minimizers, jamming, sizes, shapes, links, motion.
 
     Examples
     --------
@@ -25,10 +37,15 @@ def catalogue() -> tuple[HardCase, ...]:
     """
     cases = (
         *static.CASES,
+        *places.CASES,
         *minimizers.CASES,
         *jamming.CASES,
+        *tiny_pressures.CASES,
+        *sizes.CASES,
         *lattices.CASES,
+        *ellipses.CASES,
         *links.CASES,
+        *rough.CASES,
         *dynamics.CASES,
     )
     _check(cases)

@@ -309,6 +309,58 @@ def _of_straight(quantity: Callable[[pm.Packing], float]) -> float:
     return quantity(chain(2, 200, 0.01, 2))
 
 
+def _pulled() -> float:
+    """Return the largest error of a tension in a straight chain of 1000 that is pulled at its ends by 1, or force left."""
+    beads = 1000
+    place = np.stack([10.0 + np.arange(beads), np.full(beads, 5.0)], axis=1)
+    links = pm.Links(np.arange(beads - 1), np.arange(1, beads), np.zeros((beads - 1, 2), dtype=int), np.ones(beads - 1))
+    packing = pm.Packing(place, np.full(beads, 0.4), pm.Box(np.diag([1100.0, 20.0])), links)
+    pull = np.zeros((beads, 2))
+    pull[0, 0], pull[-1, 0] = -1.0, 1.0
+    found = pm.project_force(packing, pull)
+    return float(max(np.abs(found.multiplier_l - 1.0).max(), np.abs(found.force_nd).max()))
+
+
+def _pulled_by_sweeps() -> float:
+    """Return the error of the tensions after a hundred sweeps that put one link after the other right."""
+    tension = np.zeros(999)
+    pull = np.zeros(999)
+    pull[[0, -1]] = 1.0
+    for _ in range(100):
+        for k in range(999):
+            others = (tension[k - 1] if k else 0.0) + (tension[k + 1] if k < 998 else 0.0)
+            tension[k] = 0.5 * (pull[k] + others)
+    return float(np.abs(tension - 1.0).max())
+
+
+def _all_but_straight(slack: float) -> pm.Packing:
+    """Return a chain of 1000 around the box, one wave of it, longer than the box by that part of its length."""
+    beads = 1000
+    rise = 2.0 * math.sqrt(slack) * np.cos(2.0 * math.pi * (np.arange(beads) + 0.5) / beads)
+    run = np.sqrt(1.0 - rise**2)
+    place = np.stack([np.cumsum(run) - run, 50.0 + np.cumsum(rise) - rise], axis=1)
+    image = np.zeros((beads, 2), dtype=int)
+    image[-1, 0] = 1
+    links = pm.Links(np.arange(beads), (np.arange(beads) + 1) % beads, image, np.ones(beads))
+    return pm.Packing(place, np.full(beads, 0.3), pm.Box(np.diag([float(run.sum()), 100.0])), links)
+
+
+def _taut(slack: float) -> float:
+    """Return the largest error of a link of that chain after shoves and the way back, infinite if it was refused."""
+    packing = _all_but_straight(slack)
+    moved = packing.position_nd + 1e-4 * np.random.default_rng(4).normal(size=packing.position_nd.shape)
+    return pm.reaffix_links(packing.replace(position_nd=moved)).packing.link_error
+
+
+def _too_taut() -> float:
+    """Count wrong answers of two: the chain that is straight to 1e-8 is not brought back, for a reason with a name."""
+    packing = _all_but_straight(1e-8)
+    moved = packing.position_nd + 1e-4 * np.random.default_rng(4).normal(size=packing.position_nd.shape)
+    back = pm.reaffix_links(packing.replace(position_nd=moved), check=False)
+    named = any(one.shape == "collinear" for one in back.degenerate)
+    return float((back.outcome is not pm.Outcome.DEGENERATE) + (not named))
+
+
 CASES = (
     *(
         HardCase(
@@ -414,6 +466,35 @@ CASES = (
         1e-13,
         "what links hold to",
         partial(_of_straight, partial(_reaffixed, shove=1e-4)),
+    ),
+    HardCase(
+        "a chain of 1000 pulled straight at its ends",
+        "a pull goes from link to link: what is put right one link after the other never reaches the middle",
+        "largest error of a tension, and of the force that is left, over the pull",
+        2e-12,
+        "tension is the pull everywhere; a thousand sums that round by 2e-16, and a digit",
+        _pulled,
+        _pulled_by_sweeps,
+    ),
+    *(
+        HardCase(
+            f"a chain of 1000 around the box, straight to {slack:.0e}",
+            "all that is left to move is sideways, by the square of the way",
+            "largest error of a link after shoves of 1e-4, infinite if refused",
+            4.5e-13,
+            "coordinates of 1000 are rounded by 1.1e-13: two axes, two ends",
+            partial(_taut, slack),
+        )
+        for slack in (1e-4, 1e-6)
+    ),
+    HardCase(
+        "a chain of 1000 around the box, straight to 1e-8",
+        "links that cannot all be met are quietly averaged, or steps never end",
+        "wrong answers of two: degenerate, collinear by name",
+        0.0,
+        "shoves of 1e-4 are as large as all its slack: links lose rank",
+        _too_taut,
+        "steps go on to their limit, and the last one is returned",
     ),
     HardCase(
         "chain wound around the box, quench",
