@@ -252,7 +252,7 @@ class ReaffixedLinks:
     packing
         The packing at the end, or the one given when the steps led nowhere; its box is the one given.
     outcome
-        `CONVERGED`, `ROUNDING_FLOOR` where the errors are no more than rounding of coordinates makes, `STALLED` when the
+        `CONVERGED`, `ROUNDING_FLOOR` where the errors are no more than rounding of coordinates, `STALLED` when the
         tolerance was not met, `DEGENERATE` when it was met where links lose rank.
     iterations
         Newton steps.

@@ -78,7 +78,7 @@ class ExactPairs:
     """
 
     def __init__(self, packing: Packing, pairs: Candidates) -> None:
-        self.pairs, self._lattice_dd = pairs, packing.box.lattice_dd
+        self.pairs = pairs
         radius_n, d = packing.radius_n, packing.dimension
         sigma = _sum(radius_n[pairs.i_c], radius_n[pairs.j_c])
         square = sigma * _Exact(-sigma.value, -sigma.rest)
@@ -86,7 +86,8 @@ class ExactPairs:
         for a in range(d):
             one = _sum(packing.position_nd[pairs.j_c, a], -packing.position_nd[pairs.i_c, a])
             for b in range(d):
-                one = one + _product(self._lattice_dd[a, b] + np.zeros(len(pairs.i_c)), pairs.image_cd[:, b] + 0.0)
+                side = np.full(len(pairs.i_c), packing.box.lattice_dd[a, b])
+                one = one + _product(side, pairs.image_cd[:, b].astype(np.float64))
             columns.append(one.value)
             square = square + one * one
         self.vector_cd = np.stack(columns, axis=1)

@@ -39,7 +39,7 @@ _IDLE = 6
 _FURTHEST, _BISECTIONS = 1e3, 40
 
 
-def terms_at_overlap(effects: tuple[object, ...], touches: Touches, overlap_c: Array) -> ContactTerms:
+def terms_at_overlap(effects: tuple[object, ...], touches: Touches, overlap_c: NDArray[np.float64]) -> ContactTerms:
     """Return energy, du/dr and d2u/dr2 of contacts whose overlaps are known better than their distances.
 
     A law is given distances, whose difference from the contact distance is rounded. Near that rounded overlap it is
@@ -221,7 +221,7 @@ def displaced_rest(
     ----------
     scene
         Discs or spheres, jammed: what `jam` returned at that pressure or, where its forces are rounded so much that
-        contacts are lost, a hundred times above.
+        contacts are lost, up to a thousand times above.
     pressure
         Pressure at the end [energy_scale / diameter^d].
     strain

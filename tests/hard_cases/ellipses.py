@@ -139,7 +139,7 @@ def _force_error(aspect: float, angle: float) -> float:
 
 
 def _like_discs(aspect: float) -> float:
-    """Largest difference, over the mean contact force, of the forces on discs and on ellipses as round, that overlap."""
+    """Largest difference of forces on overlapping discs and on all but round ellipses, over the mean contact force."""
     start = pm.random_packing(32, dimension=2, packing_fraction=0.9, seed=2)
     angle = np.random.default_rng(1).uniform(0.0, 2.0 * math.pi, 32)
     shapes = pm.Spheroids(np.full(32, aspect), np.stack([np.cos(angle), np.sin(angle)], axis=1))
@@ -215,7 +215,9 @@ def _fourth_power(aspect: float) -> float:
     worst = 0.0 if len(modes) else math.inf
     for m in range(len(modes)):
         rise = [
-            pm.energy(scene.replace(packing=pm.displaced(packing, a * modes.displacement_mnd[m], a * modes.turn_mnk[m])))
+            pm.energy(
+                scene.replace(packing=pm.displaced(packing, a * modes.displacement_mnd[m], a * modes.turn_mnk[m]))
+            )
             for a in amplitude
         ]
         slope = np.polyfit(np.log(amplitude), np.log(np.array(rise) - start), 1)[0]
@@ -266,8 +268,18 @@ CASES = (
             partial(_force_error, aspect, angle),
         )
         for aspect, angle, bound, why in (
-            (NEEDLE, 1.0, 1e-9, "rounding of directions 1e-16 times a^2 / b^2 = 1e4 over the overlap, .01, and a digit"),
-            (NEEDLE, 1e-3, 1e-9, "rounding of directions 1e-16 times a^2 / b^2 = 1e4 over the overlap, .01, and a digit"),
+            (
+                NEEDLE,
+                1.0,
+                1e-9,
+                "rounding of directions 1e-16 times a^2 / b^2 = 1e4 over the overlap, .01, and a digit",
+            ),
+            (
+                NEEDLE,
+                1e-3,
+                1e-9,
+                "rounding of directions 1e-16 times a^2 / b^2 = 1e4 over the overlap, .01, and a digit",
+            ),
             (ROUND, 1.0, 2e-6, "squares of semi-axes differ by 2e-9 and are rounded by 2e-16, and a digit"),
         )
     ),

@@ -52,7 +52,9 @@ def exact_forces(fine: pm.DisplacedRest) -> ExactForces:
                 net[i][a] -= push
         mean = sum(force_c, Decimal(0)) / len(force_c)
         residual = max(float(sum((x * x for x in one), Decimal(0)).sqrt() / mean) for one in net)
-        error = [float((exact - Decimal(found)) / mean) for exact, found in zip(force_c, fine.normal_c.tolist(), strict=True)]
+        error = [
+            float((exact - Decimal(found)) / mean) for exact, found in zip(force_c, fine.normal_c.tolist(), strict=True)
+        ]
     return ExactForces(residual, float(np.abs(error).max()))
 
 

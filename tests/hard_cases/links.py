@@ -310,7 +310,7 @@ def _of_straight(quantity: Callable[[pm.Packing], float]) -> float:
 
 
 def _pulled() -> float:
-    """Return the largest error of a tension in a straight chain of 1000 that is pulled at its ends by 1, or force left."""
+    """Return the largest error of a tension, or force left, of a straight chain of 1000 pulled at its ends by 1."""
     beads = 1000
     place = np.stack([10.0 + np.arange(beads), np.full(beads, 5.0)], axis=1)
     links = pm.Links(np.arange(beads - 1), np.arange(1, beads), np.zeros((beads - 1, 2), dtype=int), np.ones(beads - 1))

@@ -43,7 +43,7 @@ def _sum_by_hand(packing: pm.Packing, images: int) -> tuple[float, NDArray[np.fl
 
 
 def _moved_away(images: int, sign: float) -> float:
-    """Largest difference of forces and energy, over the largest, when each disc is moved by other multiples of the box."""
+    """Largest difference of forces and energy, over the largest, when discs are moved by multiples of the box."""
     packing = _dyadic()
     rng = np.random.default_rng(1)
     image = sign * np.floor(rng.random(packing.position_nd.shape) * images)
@@ -51,7 +51,8 @@ def _moved_away(images: int, sign: float) -> float:
     here, there = pm.Scene(packing, HARMONIC), pm.Scene(moved, HARMONIC)
     force = pm.forces(here)
     return max(
-        float(np.abs(pm.forces(there) - force).max() / np.abs(force).max()), abs(pm.energy(there) / pm.energy(here) - 1.0)
+        float(np.abs(pm.forces(there) - force).max() / np.abs(force).max()),
+        abs(pm.energy(there) / pm.energy(here) - 1.0),
     )
 
 
@@ -85,7 +86,7 @@ def _on_the_boundary(dimension: int) -> float:
 
 
 def _floored(dimension: int) -> float:
-    """Return how many of the coordinates of that crystal x - L floor(x / L) puts outside the cell or on its far face."""
+    """Return how many coordinates of that crystal x - L floor(x / L) puts outside the cell, or on its far face."""
     side, rng = 4, np.random.default_rng(2)
     grid = np.array(list(itertools.product(range(side), repeat=dimension)), dtype=float)
     place = np.where(grid == 0.0, rng.choice([0.0, -1e-300, 5e-17, -5e-17, float(side)], size=grid.shape), grid)
@@ -188,7 +189,12 @@ def _fractions(steps: int) -> float:
 def _refused() -> float:
     """Count singular boxes, of four, that are taken."""
     taken = 0
-    for lattice in ([[1.0, 1.0], [1.0, 1.0]], [[1.0, 1.0], [0.0, 1e-13]], [[1.0, 0.0], [0.0, 0.0]], [[3.0, 1.0], [9.0, 3.0]]):
+    for lattice in (
+        [[1.0, 1.0], [1.0, 1.0]],
+        [[1.0, 1.0], [0.0, 1e-13]],
+        [[1.0, 0.0], [0.0, 0.0]],
+        [[3.0, 1.0], [9.0, 3.0]],
+    ):
         try:
             pm.Box(np.array(lattice))
             taken += 1
@@ -387,6 +393,7 @@ CASES = (
         1e-9,
         "overlaps of .01 at coordinates of 1000 are rounded by 1.1e-13",
         partial(_long_box, 1000),
+        "one image for each pair: two contacts of three are missed",
     ),
     HardCase(
         "a random packing in a box 1000 times as long as high",

@@ -28,7 +28,7 @@ def key_list(packing: pm.Packing) -> list[tuple[int, ...]]:
 
 
 def every_pair(packing: pm.Packing, images: int) -> list[tuple[int, ...]]:
-    """Return contacts by testing every pair through every image up to `images` cells away: slow, and nothing to get wrong."""
+    """Return contacts by testing every pair through every image up to `images` cells away: slow, and simple."""
     found = []
     reach = packing.radius_n[:, None] + packing.radius_n[None, :]
     for image in itertools.product(range(-images, images + 1), repeat=packing.dimension):

@@ -150,7 +150,7 @@ CASES = (
         RISK,
         "largest error of a force against exact arithmetic, over the mean force",
         1e-10,
-        "gaps and their changes from 1e-9 are a thousand overlaps of 1e-12, each with 2e-16 of itself, soft ones 100 more",
+        "gaps that change from 1e-9 are a thousand overlaps, each rounded by 2e-16, where soft by a hundred more",
         partial(_force_error, 1024, 1e-12),
         partial(_rounded_force_error, 1024, 1e-12),
     ),
