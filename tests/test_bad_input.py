@@ -463,6 +463,7 @@ BAD = {
     "JamDrive.method": ["fast", 3, pm.HardVertex],
     "QuenchDrive.method": ["fire", 3, pm.Fire],
     "compress.strain": CHOICE,
+    "displaced_rest.strain": CHOICE,
     "distances": [[], [0.0], [-1.0], [1e-3, NAN], 3, None, "1"],
     "jam.method": ["fast", 3, pm.HardVertex],
     "progress": CALL,

@@ -254,6 +254,7 @@ def displaced_rest(
     goal, tolerance = positive("pressure", pressure), positive("force_tolerance", force_tolerance)
     one_of("strain", strain, ("isotropic", "free"))
     limit = integer("step_limit", step_limit, at_least=0)
+    instance("check", check, bool)
     began = time.process_time()
     packing, unit = scene.packing, scene.pressure_unit
     d = packing.dimension

@@ -183,6 +183,7 @@ ELSEWHERE = {
     "complex_modulus": "the moduli of oscillatory_shear: tests/mechanics/test_complex_modulus.py",
     "cement": "jam and moduli: tests/protocols/test_cement.py",
     "local_yield_stress": "a minimization by other means: tests/protocols/test_local_yield.py",
+    "displaced_rest": "exact arithmetic: tests/hard_cases/tiny_pressures.py, laws by kinds: tests/hard_cases/rough.py",
     "play_motion": "geometry alone: tests/jamming/test_play.py",
 }
 
