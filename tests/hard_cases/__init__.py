@@ -1,10 +1,12 @@
 """The catalogue of hard cases: what could go wrong, the quantity watched, the bound, and a function that measures it.
 
-`pytest tests/hard_cases -v` prints every case with what was measured.
+`pytest tests/hard_cases -v` prints every case with what was measured; `python tests/hard_cases/page.py
+recordings/hard-cases` writes it to a page.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -23,11 +25,27 @@ from hard_cases import (
 )
 from hard_cases.case import HardCase, Measured, measure
 
-__all__ = ["HardCase", "Measured", "catalogue", "measure"]
+__all__ = ["ROOMS", "HardCase", "Measured", "catalogue", "measure"]
+
+
+# by subject, in the order of the table
+ROOMS: dict[str, tuple[HardCase, ...]] = {
+    "Packings as they stand": static.CASES,
+    "Places, boxes and units": places.CASES,
+    "Minimizers": minimizers.CASES,
+    "Jamming and verdicts": jamming.CASES,
+    "Tiny pressures": tiny_pressures.CASES,
+    "Sizes": sizes.CASES,
+    "Crystals": lattices.CASES,
+    "Ellipses": ellipses.CASES,
+    "Links": links.CASES,
+    "Friction and stiffness": rough.CASES,
+    "Motion": dynamics.CASES,
+}
 
 
 def catalogue() -> tuple[HardCase, ...]:
-    """Return every hard case, by rooms: packings as they stand, minimizers, jamming, sizes, shapes, links, motion.
+    """Return every hard case, room by room.
 
     Examples
     --------
@@ -35,19 +53,7 @@ def catalogue() -> tuple[HardCase, ...]:
     ['one particle in a box', 'one sphere in a box']
 
     """
-    cases = (
-        *static.CASES,
-        *places.CASES,
-        *minimizers.CASES,
-        *jamming.CASES,
-        *tiny_pressures.CASES,
-        *sizes.CASES,
-        *lattices.CASES,
-        *ellipses.CASES,
-        *links.CASES,
-        *rough.CASES,
-        *dynamics.CASES,
-    )
+    cases = tuple(itertools.chain.from_iterable(ROOMS.values()))
     _check(cases)
     return cases
 
