@@ -117,7 +117,9 @@ def test_repeats_of_a_mean_follow_the_square_root_law(scatter, bound):
 
 
 def test_a_mean_over_starts_takes_the_repeats_of_its_scatter(tmp_path, decay):
-    (tmp_path / "scene.toml").write_text(DISCS.replace('kind = "quench"', 'kind = "decay"\nscatter = 0.2\nwork = 100.0'))
+    (tmp_path / "scene.toml").write_text(
+        DISCS.replace('kind = "quench"', 'kind = "decay"\nscatter = 0.2\nwork = 100.0')
+    )
     found = pm.settings_for(tmp_path / "scene.toml", "left:10%", knobs={"drive.dt": (1e-2, 5e-3)}, mean=True, starts=40)
     # 1.68 standard errors for forty starts
     assert found.met
