@@ -1,5 +1,7 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""What one FIRE step costs: by the number of particles, against a hand-written kernel, and over a whole quench.
+"""What one FIRE step costs: by the number of particles, with a user's law, and over a whole quench.
+
+Beside LAMMPS and a loop written by hand: tests/benchmarks/peers.
 
 Run with one thread: OMP_NUM_THREADS=1 python tests/benchmarks/bench_fire.py
 """
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from calibration import REFERENCE_NS, calibrate, cpu_seconds
@@ -17,7 +19,6 @@ import packmech as pm
 from packmech.jit.compiled import kernel
 from packmech.minimize.first_order.fire import Fire
 from packmech.minimize.passes.kernels import Goal, force_pass, move_pass
-from packmech.minimize.passes.pair_list import listed_pairs
 from packmech.minimize.program import Program, build_program
 
 DT, ALPHA = 0.3, 0.15
@@ -44,7 +45,7 @@ class OwnHarmonic(NamedTuple):
 
 
 @kernel
-def _typed(effects, axes, row, force_nd, velocity_nd, pairs, steps):
+def typed_loop(effects, axes, row, force_nd, velocity_nd, pairs, steps):
     """The loop of the package, without list keeping: forces by type, sums, and the mixed step."""
     speed2 = 0.0
     for _ in range(steps):
@@ -58,62 +59,6 @@ def _typed(effects, axes, row, force_nd, velocity_nd, pairs, steps):
     return speed2
 
 
-@kernel
-def _hand_written(x, v, f, radius_n, i_p, j_p, shift_pd, steps):
-    """Harmonic discs by hand, nothing chosen by type: forces, sums, and the mixed step."""
-    speed2 = 0.0
-    most = 0.0
-    for _ in range(steps):
-        total = 0.0
-        touching = 0
-        for p in range(i_p.shape[0]):
-            i = i_p[p]
-            j = j_p[p]
-            dx = x[j, 0] - x[i, 0] + shift_pd[p, 0]
-            dy = x[j, 1] - x[i, 1] + shift_pd[p, 1]
-            square = dx * dx + dy * dy
-            sigma = radius_n[i] + radius_n[j]
-            if square < sigma * sigma:
-                r = math.sqrt(square)
-                inverse = 1.0 / sigma
-                push = inverse * inverse * (sigma - r)
-                total += push
-                touching += 1
-                push /= r
-                f[i, 0] -= push * dx
-                f[i, 1] -= push * dy
-                f[j, 0] += push * dx
-                f[j, 1] += push * dy
-        power = 0.0
-        square_force = 0.0
-        most = 0.0
-        for i in range(x.shape[0]):
-            own = f[i, 0] * f[i, 0] + f[i, 1] * f[i, 1]
-            power += f[i, 0] * v[i, 0] + f[i, 1] * v[i, 1]
-            square_force += own
-            most = max(most, own)
-        keep = 0.0
-        push = DT
-        if power > 0.0:
-            keep = 1.0 - ALPHA
-            push += ALPHA * math.sqrt(speed2 / square_force)
-        speed2 = 0.0
-        fastest = 0.0
-        for i in range(x.shape[0]):
-            vx = keep * v[i, 0] + push * f[i, 0]
-            vy = keep * v[i, 1] + push * f[i, 1]
-            v[i, 0] = vx
-            v[i, 1] = vy
-            x[i, 0] += DT * vx
-            x[i, 1] += DT * vy
-            f[i, 0] = 0.0
-            f[i, 1] = 0.0
-            own = vx * vx + vy * vy
-            speed2 += own
-            fastest = max(fastest, own)
-    return most
-
-
 def relaxed_program(particles: int, *, seed: int = 1, dimension: int = 2) -> Program:
     """Return the program of a bidisperse packing that FIRE has brought near its minimum."""
     fraction = 0.88 if dimension == 2 else 0.68
@@ -123,6 +68,11 @@ def relaxed_program(particles: int, *, seed: int = 1, dimension: int = 2) -> Pro
     program = build_program(pm.Scene(packing, (pm.Repulsion(law=pm.Harmonic()),)))
     program.relax(force_tolerance=1e-2, step_limit=5000, method=pm.Fire())
     return program
+
+
+def loop_arguments(program: Program, steps: int) -> tuple[Any, ...]:
+    """Return what `typed_loop` takes to step a program."""
+    return (program.effects, program.axes, program.row, program.force_nd, program.velocity_nd, program.pairs, steps)
 
 
 def bench_step(particles: int, *, dimension: int = 2) -> float:
@@ -143,32 +93,23 @@ def bench_step(particles: int, *, dimension: int = 2) -> float:
     return float(np.median(took[1:]))
 
 
-def bench_types(particles: int) -> tuple[float, float, float]:
-    """Return CPU ns per particle and step: effects chosen by type, written by hand, and by type with a user's law."""
+def bench_types(particles: int) -> tuple[float, float]:
+    """Return CPU ns per particle and step of the bare loop: effects chosen by type, and by type with a user's law."""
     program = relaxed_program(particles)
     steps = max(20, 500_000 // particles)
     program.evaluate()
     program.force_nd[:] = 0.0
-    pairs = program.pairs
-    i_p, j_p, image = listed_pairs(pairs)
-    shift = image[:, :2] @ program.space.frame.lattice_dd[:2, :2].T
-    order = np.lexsort((j_p, i_p))
-    x, radius = program.row[:, :2].copy(), program.row[:, 3].copy()
-    v, f = np.zeros_like(x), np.zeros_like(x)
-    hand = (x, v, f, radius, i_p[order], j_p[order], shift[order], steps)
-    typed = (program.effects, program.axes, program.row, program.force_nd, program.velocity_nd, pairs, steps)
+    typed = loop_arguments(program, steps)
     own = ((pm.Repulsion(law=OwnHarmonic()),), *typed[1:])
-    _hand_written(*hand)
-    _typed(*typed)
-    _typed(*own)
-    by_type, by_hand, by_user = [], [], []
+    typed_loop(*typed)
+    typed_loop(*own)
+    by_type, by_user = [], []
     for _ in range(15):
-        # in turn, so that all meet the same moods of the machine
-        by_type.append(cpu_seconds(lambda: _typed(*typed), repeats=1))
-        by_hand.append(cpu_seconds(lambda: _hand_written(*hand), repeats=1))
-        by_user.append(cpu_seconds(lambda: _typed(*own), repeats=1))
-    one, two, three = (float(np.median(took)) / steps / particles * 1e9 for took in (by_type, by_hand, by_user))
-    return one, two, three
+        # in turn, so that both meet the same moods of the machine
+        by_type.append(cpu_seconds(lambda: typed_loop(*typed), repeats=1))
+        by_user.append(cpu_seconds(lambda: typed_loop(*own), repeats=1))
+    one, two = (float(np.median(took)) / steps / particles * 1e9 for took in (by_type, by_user))
+    return one, two
 
 
 def bench_quench(particles: int, seeds: range) -> None:
@@ -193,11 +134,8 @@ def main() -> None:
     """Print all figures."""
     ratio = calibrate() / REFERENCE_NS
     for particles in (1000, 4096, 100_000):
-        typed, hand, own = bench_types(particles)
-        print(
-            f"effects by type, N = {particles}: {typed:.1f} ns, by hand {hand:.1f} ns: {typed / hand:.2f} x; "
-            f"a user's law {own / typed:.2f} x the built-in"
-        )
+        typed, own = bench_types(particles)
+        print(f"effects by type, N = {particles}: {typed:.1f} ns, a user's law {own / typed:.2f} x the built-in")
     figures = {}
     for particles, dimension in ((64, 2), (1000, 2), (4096, 2), (10_000, 2), (100_000, 2), (4096, 3)):
         took = bench_step(particles, dimension=dimension)

@@ -9,9 +9,9 @@ import numpy as np
 import packmech as pm
 
 
-def scattered(particles: int, dimension: int) -> pm.Packing:
+def scattered(particles: int, dimension: int, seed: int = 1) -> pm.Packing:
     """Return random points at the density of touching particles of diameter 1, in a tilted box."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(seed)
     volume = particles * (0.87 if dimension == 2 else 0.82)
     lattice = np.eye(dimension)
     lattice[0, 1] = 0.3

@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Sheared discs stepped by loops written by hand for one combination of effects each: what bench_march.py compares to.
+"""Sheared discs stepped by loops written by hand for one combination of effects each, from bench_march.py's starts.
 
 Linear springs, dashpots, capped tangential springs and bonds, velocity Verlet with trapezoidal stretches, the box
 sheared as x = x0 + gamma y0 up to gamma = 1/2. One row of eight numbers a particle (x, y, vx, vy, spin, radius, 1/m,
@@ -17,19 +17,6 @@ from numpy.typing import NDArray
 from packmech.box import Box
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.jit.compiled import device, kernel
-
-
-class Numbers(NamedTuple):
-    """Stiffness, dashpot, Coulomb's coefficient, tangential stiffness and dashpot, and the same three of bonds."""
-
-    stiffness: float
-    damping: float
-    friction: float
-    tangential: float
-    tangential_damping: float
-    bond_tangential: float = 0.0
-    bond_damping: float = 0.0
-    bond_tangential_damping: float = 0.0
 
 
 class Bonded(NamedTuple):
