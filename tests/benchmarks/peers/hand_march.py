@@ -136,7 +136,9 @@ def friction_pass(row, push, pairs, rate, number, before, after):
             across = number.tangential * stretch + number.tangential_damping * slip
             cap = -number.friction * elastic
             capped = min(max(across, -cap), cap)
-            held[p] = stretch + (capped - across) * soft + after * slip
+            # what the cap takes is taken off the spring, too, never past rest nor beyond what it was
+            less = stretch + (capped - across) * soft
+            held[p] = min(max(less, min(stretch, 0.0)), max(stretch, 0.0)) + after * slip
             fx, fy = force * nx - capped * ny, force * ny + capped * nx
             push[i, 0] += fx
             push[i, 1] += fy
