@@ -75,7 +75,7 @@ def main() -> None:
                 f"{comparison.seconds(one.theirs)}, {one.ratio:.3g} x ({one.agreement})",
                 flush=True,
             )
-        table.write(asked.out)
+            table.write(asked.out)
     other.close()
     print(table.to_markdown())
 
