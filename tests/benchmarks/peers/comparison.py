@@ -135,25 +135,26 @@ class Table:
             yield (
                 *(row.work, row.peer),
                 *(seconds(statistics.median(getattr(one, side) for one in found)) for side in ("ours", "theirs")),
-                f"**{self.ratio(row):.3g}** ({min(ratios):.3g} to {max(ratios):.3g})",
+                f"**{self.ratio(row):.3g}** ({min(ratios):.3g} to {max(ratios):.3g}; {len(found)})",
                 wanted,
                 found[-1].agreement,
             )
 
     def to_markdown(self) -> str:
         """Return the table with all that belongs to it."""
-        seeds = sorted({len(found) for _, found in self._measured()})
-        starts = f"{seeds[0]} to {seeds[-1]}" if len(seeds) > 1 else f"{seeds[0]}"
         head = ("both do", "peer", "packmech", "peer's time", "ratio", "wanted", "agreement (last seed)")
         text = [
             "# packmech beside its peers\n\n",
             f"CPU seconds on one thread, {self.machine}. Both start from the same packing and take turns in one run; ",
-            f"the ratio is the peer's time over packmech's, the median over {starts} starts (smallest to largest of ",
-            "them). Other work ran on the machine. Loops written by hand for one case are the limit of what a machine ",
-            "can do with the same lists.\n\n",
+            "the ratio is the peer's time over packmech's, the median over starts (smallest to largest; how many). ",
+            "Rows may come from several runs of the command. Other work ran on the machine. Loops written by hand for ",
+            "one case are the limit of what a machine can do with the same lists.\n\n",
             markdown_table(head, self.lines()),
             "\nVersions: " + ", ".join(f"{name} {version}" for name, version in self.versions.items()) + ".\n",
         ]
+        missing = [f"{row.work} ({row.peer})" for row in self.order if not self.samples.get(row)]
+        if missing:
+            text.append(f"\nNot measured in this table, measure them with `--rows`: {', '.join(missing)}.\n")
         text += [f"\nLeft out: {name}. {why}\n" for name, why in self.left_out.items()]
         return "".join(text)
 
