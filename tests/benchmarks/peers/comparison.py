@@ -181,7 +181,7 @@ class Table:
                 if row.wanted is not None:
                     axes.plot(row.wanted, place, "|", color="C1", markersize=14, markeredgewidth=2)
             axes.set_yticks(range(len(rows)), [f"{row.work}: {row.peer}" for row in reversed(rows)])
-            axes.set(xscale="log", xlabel="peer's CPU time over packmech's (bars: smallest to largest; orange: wanted)")
+            axes.set(xscale="log", xlabel="peer's CPU time over packmech's; orange: wanted")
 
     def keep(self, path: Path, rows: Iterable[Row]) -> None:
         """Take the samples of rows that are not measured now from an earlier table of samples."""
