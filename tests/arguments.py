@@ -400,6 +400,98 @@ def call(name, arguments):
     return made
 
 
+def _env(name):
+    """Return a constructor of packmech_envs, and an environment that it made, after its reset."""
+    import packmech_envs.batched
+    import packmech_envs.single
+
+    made = getattr(packmech_envs.batched if "Vector" in name else packmech_envs.single, name)
+    number = {"num_envs": 2} if "Vector" in name else {}
+    return made, {**number, "scene": pressed()}
+
+
+@functools.cache
+def _reset_env(name):
+    make, arguments = _env(name)
+    env = make(**arguments)
+    env.reset(seed=1)
+    return env
+
+
+def _method(make, method, **arguments):
+    """Return what gives a method of something that `make` gives in a folder, and arguments with which it works."""
+    return lambda folder: (getattr(make(folder), method), arguments)
+
+
+def _contacts(folder):
+    return pm.find_contacts(touching())
+
+
+def _shape_contacts(folder):
+    return pm.find_shape_contacts(ellipses(), gap_tolerance=1.0)
+
+
+def _ensemble(folder):
+    return pm.read_ensemble(folder / "ensemble")
+
+
+@functools.cache
+def _moduli():
+    return pm.elastic_moduli(pressed())
+
+
+@functools.cache
+def _soft_spots():
+    return pm.soft_spots(pm.normal_modes(scene()))
+
+
+@functools.cache
+def _work_precision():
+    return pm.work_precision(lambda setting: setting, (1.0, 0.5), reference=0.0)
+
+
+@functools.cache
+def _tensors():
+    return pm.deform(pressed(), strain={"yy": -1e-4}, steps=1).table()
+
+
+def _snapshots(folder):
+    pm.write_trajectory([touching(), touching()], folder / "two.dump")
+    return pm.read_trajectory(folder / "two.dump")
+
+
+ENVS = ("QuenchEnv", "ShearEnv", "QuenchVectorEnv", "ShearVectorEnv")
+# of results what is asked with an argument, and environments: a name -> what is called, and arguments that work
+METHODS = {
+    "Contacts.select": _method(_contacts, "select", keep_c=[0, 1]),
+    "Contacts.among": _method(_contacts, "among", kept_n=np.ones(9, dtype=bool)),
+    "Contacts.at": _method(_contacts, "at", packing=touching()),
+    "Contacts.points": _method(_contacts, "points", radius_n=np.full(9, 0.5)),
+    "ShapeContacts.select": _method(_shape_contacts, "select", keep_c=[0]),
+    "ShapeContacts.at": _method(_shape_contacts, "at", packing=ellipses()),
+    "Ensemble.__getitem__": _method(_ensemble, "__getitem__", name="value"),
+    "Ensemble.arrays": _method(_ensemble, "arrays", row=0),
+    "Ensemble.path": _method(_ensemble, "path", row=0),
+    "Ensemble.take": _method(_ensemble, "take", rows=[0]),
+    "Moduli.average": _method(lambda folder: _moduli(), "average", bound="hill"),
+    "Moduli.component": _method(lambda folder: _moduli(), "component", indices="xxyy"),
+    "Moduli.simple_shear": _method(lambda folder: _moduli(), "simple_shear"),
+    "Moduli.tensor": _method(lambda folder: _moduli(), "tensor"),
+    "Snapshots.__getitem__": _method(_snapshots, "__getitem__", number=0),
+    "SoftSpots.rank": _method(lambda folder: _soft_spots(), "rank", particle=0),
+    "Table.__getitem__": _method(lambda folder: pm.read_table(folder / "a.csv"), "__getitem__", name="step"),
+    "Table.tensor": _method(lambda folder: _tensors(), "tensor", name="stress"),
+    "Trace.__getitem__": _method(lambda folder: traced(), "__getitem__", name="energy"),
+    "Trace.table": _method(lambda folder: traced(), "table"),
+    "WorkPrecision.of": _method(lambda folder: _work_precision(), "of"),
+    "WorkPrecision.order": _method(lambda folder: _work_precision(), "order"),
+    "WorkPrecision.cheapest": _method(lambda folder: _work_precision(), "cheapest", error_below=1.0),
+    **{name: (lambda folder, name=name: _env(name)) for name in ENVS},
+    **{f"{name}.step": _method(lambda folder, name=name: _reset_env(name), "step") for name in ENVS},
+    **{f"{name}.reset": _method(lambda folder, name=name: _reset_env(name), "reset") for name in ENVS},
+}
+
+
 def public():
     return [name for name in pm.__all__ if name not in RESULTS]
 

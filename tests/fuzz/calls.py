@@ -14,6 +14,7 @@ import argparse
 import decimal
 import fnmatch
 import fractions
+import inspect
 import resource
 import signal
 import sys
@@ -31,7 +32,7 @@ ROOT = Path(__file__).resolve().parents[2]
 if __name__ == "__main__":
     sys.path[:0] = [str(ROOT), str(ROOT / "envs"), str(ROOT / "tests")]
 
-from arguments import call, good, parameters, public, write_files  # noqa: E402
+from arguments import METHODS, call, good, parameters, public, write_files  # noqa: E402
 
 import packmech as pm  # noqa: E402
 
@@ -207,6 +208,12 @@ def _where(error: BaseException) -> str:
     return f"{Path(last.filename).name}:{last.lineno}"
 
 
+def _of_gymnasium() -> tuple[type, ...]:
+    """Return the errors that Gymnasium's conventions ask of environments, where it has been loaded."""
+    found = sys.modules.get("gymnasium")
+    return () if found is None else (found.error.Error,)
+
+
 def _is_own(error: BaseException) -> bool:
     """Return whether packmech raised the error itself, its deepest frame being packmech's."""
     if not isinstance(error, OWN_ERRORS):
@@ -215,7 +222,7 @@ def _is_own(error: BaseException) -> bool:
     return any(part in ("packmech", "packmech_envs") for part in Path(deepest.filename).parts)
 
 
-def judge(shown: str, act: Any, seconds: float = SECONDS) -> Fault | None:
+def judge(shown: str, act: Any, seconds: float = SECONDS, also: tuple[type, ...] = ()) -> Fault | None:
     """Make a call; return what is wrong with its end, None where nothing is."""
     _set_timers(seconds)
     began = time.process_time()
@@ -226,7 +233,7 @@ def judge(shown: str, act: Any, seconds: float = SECONDS) -> Fault | None:
     except BaseException as error:
         _set_timers(0.0)
         text = str(error)
-        if not _is_own(error):
+        if not _is_own(error) and not isinstance(error, (*also, *_of_gymnasium())):
             return Fault(shown, f"{type(error).__name__}: {text[:200]}", _where(error))
         if len(text) > LETTERS:
             return Fault(shown, f"a message of {len(text)} letters: {text[:80]}", _where(error))
@@ -246,12 +253,12 @@ def _set_timers(seconds: float) -> None:
         signal.setitimer(timer, limit)
 
 
-def calls(rng: np.random.Generator, names: list[str], count: int) -> Iterator[tuple[str, dict[str, str]]]:
+def calls(rng: np.random.Generator, names: list[str], count: int, folder: Path) -> Iterator[tuple[str, dict[str, str]]]:
     """Return names with the hostile values of one or two parameters, so many calls of each name in turn."""
     values = list(HOSTILE)
     for turn in range(count):
         name = names[turn % len(names)]
-        fields = [one for one, field in parameters(name).items() if field.kind not in (field.VAR_POSITIONAL,)]
+        fields = fields_of(name, folder)
         if fields:
             chosen = rng.choice(fields, size=min(len(fields), 1 + int(rng.random() < 0.2)), replace=False)
             yield name, {str(field): values[rng.integers(len(values))] for field in chosen}
@@ -262,8 +269,20 @@ def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
     shown = f"{name}({', '.join(f'{field}=<{value}>' for field, value in hostile.items())})"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        arguments = good(name, folder) | {field: HOSTILE[value]() for field, value in hostile.items()}
+        values = {field: HOSTILE[value]() for field, value in hostile.items()}
+        if name in METHODS:
+            method, arguments = METHODS[name](folder)
+            # what is asked for by a key raises what Python's own containers raise
+            also = (LookupError,) if name.endswith("__getitem__") else ()
+            return judge(shown, lambda: method(**arguments | values), also=also)
+        arguments = good(name, folder) | values
         return judge(shown, lambda: call(name, arguments))
+
+
+def fields_of(name: str, folder: Path) -> list[str]:
+    """Return the parameters of what a name calls that can be named."""
+    fields = inspect.signature(METHODS[name](folder)[0]).parameters if name in METHODS else parameters(name)
+    return [one for one, field in fields.items() if field.kind not in (field.VAR_POSITIONAL, field.VAR_KEYWORD)]
 
 
 def main() -> int:
@@ -272,9 +291,10 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--calls", type=int, default=100_000)
     parser.add_argument("--name", nargs="*", default=["*"])
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="end after so much time")
     parser.add_argument("--all", action="store_true", help="each value at each parameter, once")
     asked = parser.parse_args()
-    names = [one for one in public() if any(fnmatch.fnmatch(one, pattern) for pattern in asked.name)]
+    names = [one for one in (*public(), *METHODS) if any(fnmatch.fnmatch(one, pattern) for pattern in asked.name)]
     resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
     seen: dict[tuple[str, str], int] = {}
     made = 0
@@ -282,11 +302,14 @@ def main() -> int:
         folder = Path(temporary)
         write_files(folder)
         asked_for = (
-            ((one, {field: value}) for one in names for field in parameters(one) for value in HOSTILE)
+            ((one, {field: value}) for one in names for field in fields_of(one, folder) for value in HOSTILE)
             if asked.all
-            else calls(np.random.default_rng(asked.seed), names, asked.calls)
+            else calls(np.random.default_rng(asked.seed), names, asked.calls, folder)
         )
+        until = time.monotonic() + asked.seconds
         for name, hostile in asked_for:
+            if time.monotonic() > until:
+                break
             made += 1
             fault = run(name, hostile, folder)
             if fault is None:

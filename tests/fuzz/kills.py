@@ -258,6 +258,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--kills", type=int, default=500)
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="end after so much time")
     parser.add_argument("--only", nargs="*", default=["*"])
     asked = parser.parse_args()
     rng = np.random.default_rng(asked.seed)
@@ -267,7 +268,8 @@ def main() -> int:
         folder = Path(temporary)
         load(folder)
         right = {name: undisturbed(COMMANDS[name], folder / f"right-{k}") for k, name in enumerate(names)}
-        while sum(total.values()) < asked.kills:
+        until = time.monotonic() + asked.seconds
+        while sum(total.values()) < asked.kills and time.monotonic() < until:
             name = names[rounds % len(names)]
             left = min(asked.kills - sum(total.values()), 1 + int(rng.integers(6)))
             done, wrong = killed(COMMANDS[name], folder / f"round-{rounds}", right[name], left, rng)

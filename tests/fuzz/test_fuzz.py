@@ -4,9 +4,10 @@ import warnings
 
 import numpy as np
 import pytest
-from arguments import public, write_files
-from fuzz.calls import HOSTILE, calls, run
+from arguments import METHODS, public, write_files
+from fuzz.calls import HOSTILE, calls, fields_of, run
 from fuzz.files import DAMAGES, damaged, originals
+from fuzz.kills import COMMANDS, killed, load, undisturbed
 
 # calls that compile little and return at once
 QUICK = (
@@ -33,6 +34,14 @@ QUICK = (
         "Scene",
         "TangentialDisplacements",
     ),
+    *(
+        "Contacts.select",
+        "Contacts.among",
+        "Contacts.at",
+        "Table.__getitem__",
+        "Trace.__getitem__",
+        "Snapshots.__getitem__",
+    ),
 )
 
 
@@ -50,16 +59,14 @@ def faults(asked, folder):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_hostile_arguments_of_quick_calls_get_an_answer_or_one_clear_error(seed, folder):
-    assert set(QUICK) <= set(public())
-    assert faults(calls(np.random.default_rng(seed), list(QUICK), 1500), folder) == []
+    assert set(QUICK) <= {*public(), *METHODS}
+    assert faults(calls(np.random.default_rng(seed), list(QUICK), 1500, folder), folder) == []
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", public())
+@pytest.mark.parametrize("name", [*public(), *METHODS])
 def test_every_hostile_value_at_every_parameter_gets_an_answer_or_one_clear_error(name, folder):
-    from arguments import parameters
-
-    asked = [(name, {field: value}) for field in parameters(name) for value in HOSTILE]
+    asked = [(name, {field: value}) for field in fields_of(name, folder) for value in HOSTILE]
     assert faults(asked, folder) == []
 
 
@@ -72,3 +79,12 @@ def test_damaged_files_are_read_as_they_were_or_refused_by_name_and_under_a_seal
             for damage in DAMAGES:
                 found += [damaged(name, path, read, damage, rng)[0] for _ in range(3)]
     assert [one for one in found if one] == []
+
+
+@pytest.mark.slow
+def test_commands_that_are_killed_at_random_times_end_with_the_bits_of_one_that_nobody_disturbed(tmp_path):
+    load(tmp_path)
+    rng = np.random.default_rng(1)
+    for k, command in enumerate(COMMANDS.values()):
+        right = undisturbed(command, tmp_path / f"right-{k}")
+        assert killed(command, tmp_path / f"killed-{k}", right, 3, rng)[1] == []

@@ -11,7 +11,7 @@ import pytest
 from numba.core import event
 
 import packmech
-from packmech.jit.compiled import compile_clock
+from packmech.jit.compiled import compile_clock, working_time
 
 ROOT = pathlib.Path(packmech.__file__).parents[1]
 SCRIPT = """
@@ -103,3 +103,11 @@ def test_compiling_is_timed_by_the_clock_of_all_costs():
         with event.trigger_event("numba:compile", data={"dispatcher": None}):
             sum(range(300_000))
     assert 0.0 < clock() <= time.process_time() - began < 0.2
+
+
+def test_compiling_takes_nothing_off_a_time_limit():
+    before, began = working_time(), time.process_time()
+    with event.trigger_event("numba:compile", data={"dispatcher": None}):
+        sum(range(3_000_000))
+    spent = time.process_time() - began
+    assert working_time() - before < 0.5 * spent
