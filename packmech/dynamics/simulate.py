@@ -102,7 +102,7 @@ def simulate(
     checkpoint_every
         Write it every so many steps too, whatever the clock says.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures), figures a dict with "steps", "time" and "energy".
     check

@@ -105,7 +105,7 @@ def quench(
     trace_positions
         Keep the positions with them.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures), figures a dict with "steps" and "residual".
     check

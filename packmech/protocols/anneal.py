@@ -88,7 +88,7 @@ def anneal_shape(
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
+        Stop after so much CPU time in all, compiling aside [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures).
     check
@@ -214,7 +214,7 @@ def tap(
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
+        Stop after so much CPU time in all, compiling aside [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures), and as progress("tap", figures) after each tap, with "tap", "packing" and
         "packing_fraction".

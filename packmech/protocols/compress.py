@@ -78,7 +78,7 @@ def compress(
     iteration_limit
         Maximum number of interior-point iterations for the onset.
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
+        Stop after so much CPU time in all, compiling aside [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures).
     check

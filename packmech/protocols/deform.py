@@ -358,7 +358,7 @@ def deform(
         Net force over mean contact force, and missing stress over the largest one held, that count as balance [1]; the
         floor of rounding also counts.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress("deformation", figures) after each step.
     check
@@ -536,7 +536,7 @@ def deform_at_rate(
         Account for the energy, as `simulate` does: `run.ledger`, with figures whenever the stress is looked at. Not
         with thermal noise.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures).
     check

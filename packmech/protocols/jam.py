@@ -117,7 +117,7 @@ def jam(
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures) while the protocol works; figures holds "packing" where a stage has ended.
     check

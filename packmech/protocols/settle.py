@@ -64,7 +64,7 @@ def settle(
     step_limit
         Largest number of time steps.
     time_limit
-        Stop after so much CPU time [s].
+        Stop after so much CPU time, compiling aside [s].
     progress
         Called now and then as progress(stage, figures), figures a dict with "packing", "steps" and "residual".
     check

@@ -53,7 +53,7 @@ def sweep_pressure(
         Net force over mean contact force (and stress missing over pressure) that counts as balance [1]; the floor of
         rounding also counts.
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
+        Stop after so much CPU time in all, compiling aside [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures).
     check
@@ -125,7 +125,7 @@ def sweep_stress(
         Net force over mean contact force, and largest missing stress over pressure, that count as balance [1]; the
         floor of rounding also counts.
     time_limit
-        Stop after so much CPU time in all [s]; the run in hand ends with Outcome.TIME_LIMIT.
+        Stop after so much CPU time in all, compiling aside [s]; the run in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures).
     check

@@ -230,7 +230,7 @@ def shear_at_pressure(
         the start on, whatever `skip_strain` is. Of a start with overlaps most of the energy is that of these: go on
         from `run.packing`. Not with thermal noise.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures).
     check

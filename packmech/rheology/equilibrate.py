@@ -126,7 +126,7 @@ def equilibrate(
     step_limit
         Largest number of time steps.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures).
     checkpoint

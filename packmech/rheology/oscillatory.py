@@ -326,7 +326,7 @@ def oscillatory_shear(
         Account for the energy: `run.ledger` says how much work the box did, what is stored and where the rest was
         dissipated, as in `simulate`.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures), figures a dict with "steps", "of", "time" and "strain".
     checkpoint

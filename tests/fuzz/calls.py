@@ -15,6 +15,7 @@ import decimal
 import fnmatch
 import fractions
 import inspect
+import os
 import resource
 import signal
 import sys
@@ -301,6 +302,8 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         write_files(folder)
+        # where hostile names of files lead
+        os.chdir(folder)
         asked_for = (
             ((one, {field: value}) for one in names for field in fields_of(one, folder) for value in HOSTILE)
             if asked.all

@@ -52,6 +52,11 @@ def folder(tmp_path_factory):
     return made
 
 
+@pytest.fixture(autouse=True)
+def _files_of_hostile_names_elsewhere(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
+
 def faults(asked, folder):
     found = (run(name, hostile, folder) for name, hostile in asked)
     return [f"{one.where} {one.call}: {one.what}" for one in found if one is not None]

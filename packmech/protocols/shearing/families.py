@@ -243,7 +243,7 @@ def shear_families(
     keep
         Strains at which to keep the packings.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress("families", figures) after each step, figures with "strain", "packing_fraction", "changes".
     check

@@ -219,7 +219,7 @@ def local_yield_stress(
     force_tolerance
         Net force over mean contact force that counts as balance [1].
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress("local yield", figures) after each patch and direction, figures with "done", "of",
         "yield_stress".

@@ -271,7 +271,7 @@ def quasistatic_shear(
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress("shear", figures) after each step, figures with "strain", "shear_stress", "avalanches".
     check
@@ -370,7 +370,7 @@ def cyclic_shear(
     force_tolerance
         Net force over mean contact force that counts as balance [1]; the floor of rounding also counts.
     time_limit
-        Stop after so much CPU time in all [s]; the cycle in hand ends with Outcome.TIME_LIMIT.
+        Stop after so much CPU time in all, compiling aside [s]; the cycle in hand ends with Outcome.TIME_LIMIT.
     progress
         Called as progress("shear", figures) after each step, and as progress("cycle", figures) after each cycle, with
         "cycle", "packing", "packing_fraction" and "displacement".

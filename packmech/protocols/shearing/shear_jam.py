@@ -69,7 +69,7 @@ def shear_jam(
     step_limit
         Maximum number of time steps.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures).
     check

@@ -49,7 +49,7 @@ def shear_stabilize(
     step_limit
         Maximum number of FIRE steps.
     time_limit
-        Stop after so much CPU time [s], with Outcome.TIME_LIMIT.
+        Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called as progress(stage, figures).
     check
