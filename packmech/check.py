@@ -143,6 +143,30 @@ def particle_mask(name: str, value: Any, particles: int) -> NDArray[np.bool_]:
     return mask
 
 
+def chosen_rows(name: str, value: Any, rows: int) -> NDArray[np.bool_] | NDArray[np.int64]:
+    """Return a mask of so many rows, or numbers of some of them, after checking that there are such rows.
+
+    Examples
+    --------
+    >>> chosen_rows("keep_c", [0, -1], 3).tolist()
+    [0, -1]
+    >>> chosen_rows("keep_c", [3], 3)
+    Traceback (most recent call last):
+    ...
+    ValueError: keep_c must be numbers of 3 rows, got 3
+
+    """
+    chosen = entries(name, value, "biu", "booleans or integers")
+    if chosen.ndim != 1 or (chosen.dtype == bool and len(chosen) != rows):
+        raise ValueError(f"{name} must be a mask of shape ({rows},) or a list of numbers, got shape {chosen.shape}")
+    if chosen.dtype == bool:
+        return chosen
+    bad = (chosen >= rows) | (chosen < -rows)
+    if bad.any():
+        raise ValueError(f"{name} must be numbers of {rows} rows, got {chosen[bad][0]}")
+    return chosen.astype(np.int64, copy=False)
+
+
 def brief(value: object) -> str:
     """Return a value in one short line, for messages."""
     try:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import Box
 from packmech.calls.display import shown
 from packmech.calls.honors import ANY_LENGTH, honors
-from packmech.check import instance, real
+from packmech.check import chosen_rows, instance, particle_mask, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.contacts.excluded import Excluded
 from packmech.jit.compiled import device, kernel
@@ -187,11 +187,13 @@ class Contacts:
 
     def at(self, packing: Packing) -> Contacts:
         """Return the same pairs where another packing of the same particles is, touching or not."""
+        instance("packing", packing, Packing)
         return pair_contacts(packing, *self.pairs)
 
     def among(self, kept_n: NDArray[np.bool_]) -> Contacts:
         """Return the contacts both of whose particles are among the (N,) named ones."""
-        return self.select(kept_n[self.i_c] & kept_n[self.j_c])
+        kept = particle_mask("kept_n", kept_n, self.particles)
+        return self.select(kept[self.i_c] & kept[self.j_c])
 
     def numbered(self, number_n: NDArray[np.int64], packing: Packing) -> Contacts:
         """Return the contacts between the particles of another packing, by their new numbers."""
@@ -220,7 +222,7 @@ class Contacts:
 
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
-        keep = np.asarray(keep_c)
+        keep = chosen_rows("keep_c", keep_c, len(self))
         return Contacts(
             self.i_c[keep],
             self.j_c[keep],

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
-from packmech.check import instance
+from packmech.check import chosen_rows, instance, particle_mask
 from packmech.contacts.bead_contact import bead_contacts, turned_arms
 from packmech.contacts.elements import normal_slopes
 from packmech.contacts.gauge_contact import gauge_contacts
@@ -183,15 +183,17 @@ class ShapeContacts:
 
     def at(self, packing: Packing) -> ShapeContacts:
         """Return the same pairs of sites where another packing of the same particles is, touching or not."""
+        instance("packing", packing, Packing)
         return shape_contacts(packing, self.pairs)
 
     def among(self, kept_n: NDArray[np.bool_]) -> ShapeContacts:
         """Return the contacts both of whose particles are among the (N,) named ones."""
-        return self.select(kept_n[self.i_c] & kept_n[self.j_c])
+        kept = particle_mask("kept_n", kept_n, self.particles)
+        return self.select(kept[self.i_c] & kept[self.j_c])
 
     def select(self, keep_c: ArrayLike) -> ShapeContacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
-        keep = np.asarray(keep_c)
+        keep = chosen_rows("keep_c", keep_c, len(self))
         lengths = ("vector_cd", "distance_c", "contact_distance_c", "kinds_c", "slope_cx")
         names = ("i_c", "j_c", "image_cd", "site_i_c", "site_j_c", *lengths)
         parts = {name: getattr(self, name)[keep] for name in names}

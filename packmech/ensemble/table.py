@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import in_words, shown
-from packmech.check import brief, clear_errors, did_you_mean, integer
+from packmech.check import brief, chosen_rows, clear_errors, did_you_mean, integer
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
 from packmech.files.packings import read_packing
@@ -147,7 +147,7 @@ class Ensemble:
 
     def take(self, rows: NDArray[np.int64] | Sequence[int]) -> Ensemble:
         """Return the members of these rows."""
-        index = np.asarray(rows, dtype=np.int64)
+        index = np.arange(len(self))[chosen_rows("rows", rows, len(self))]
         return replace(
             self,
             members=tuple(self.members[k] for k in index),

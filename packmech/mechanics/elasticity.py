@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import AT_LIMIT, KINDS, Kind, finite_array, instance, one_of, positive
+from packmech.check import AT_LIMIT, KINDS, Kind, brief, finite_array, instance, one_of, positive
 from packmech.constraints.basis import MEMORY_LIMIT, check_memory, motion_basis
 from packmech.effects import Friction, acting_friction, bonds_of, memory_columns, remembers
 from packmech.jit.blas import single_thread
@@ -243,9 +243,13 @@ class Moduli:
 
         """
         axes = range(self.dimension)
-        if flow not in axes or gradient not in axes or flow == gradient:
+        if (
+            any(not isinstance(one, int | np.integer) or one not in axes for one in (flow, gradient))
+            or flow == gradient
+        ):
             raise ValueError(
-                f"flow and gradient must be two different axes below {self.dimension}, got {flow}, {gradient}"
+                f"flow and gradient must be two different axes below {self.dimension}, "
+                f"got {brief(flow)}, {brief(gradient)}"
             )
         name = "xyz"[flow] + "xyz"[gradient]
         strain = np.zeros((self.dimension, self.dimension))

@@ -216,3 +216,28 @@ def test_select_keeps_the_named_contacts_in_their_order():
 
 def test_number_of_contacts_of_a_particle_counts_a_self_image_on_both_sides():
     assert pm.find_contacts(pm.lattice_packing("fcc"), gap_tolerance=1e-12).count_n().tolist() == [12]
+
+
+@pytest.mark.parametrize(
+    ("method", "given", "message"),
+    [
+        ("select", [99], "keep_c must be numbers of 27 rows, got 99"),
+        ("select", np.zeros(3, dtype=bool), r"keep_c must be a mask of shape \(27,\)"),
+        ("select", ["a"], "keep_c must be an array of booleans or integers"),
+        ("select", [0.5], "keep_c must be an array of booleans or integers"),
+        ("among", 3, "kept_n must be"),
+        ("among", np.ones(3, dtype=bool), r"kept_n must have shape \(9,\)"),
+        ("at", 3, "packing must be a Packing"),
+    ],
+)
+def test_contacts_that_are_none_are_refused_by_name(method, given, message):
+    contacts = pm.find_contacts(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01))
+    with pytest.raises((TypeError, ValueError), match=message):
+        getattr(contacts, method)(given)
+
+
+def test_contacts_are_chosen_by_masks_numbers_from_either_end_and_not_at_all():
+    contacts = pm.find_contacts(pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01))
+    mask = np.arange(len(contacts)) == len(contacts) - 1
+    assert contacts.select(mask).i_c.tolist() == contacts.select([-1]).i_c.tolist() == contacts.i_c[-1:].tolist()
+    assert len(contacts.select([])) == len(contacts.select(np.zeros(0))) == 0
