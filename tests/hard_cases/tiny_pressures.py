@@ -71,7 +71,7 @@ def _rounded_law() -> float:
 
 
 def _hertzian() -> float:
-    """Residual at 1e-15, where Hertz's law asks for overlaps of 1e-10, and the same in a second call from there."""
+    """Residual at 1e-15, where Hertz's law asks for overlaps of 1e-10."""
     scene = pm.Scene(_jammed(256).packing, (pm.Repulsion(law=pm.Hertz()),))
     jammed = pm.jam(scene, pressure=1e-15, strain="isotropic", check=False)
     return pm.displaced_rest(scene.replace(packing=jammed.packing), pressure=1e-15).residual
@@ -166,7 +166,7 @@ CASES = (
     HardCase(
         "Hertz's law at pressure 1e-15",
         "the law sees a distance, in which an overlap of 1e-10 has six digits",
-        "residual",
+        "residual of the displaced packing",
         1e-10,
         "asked for as 1e-10; the law is continued as the power that it is from the rounded overlap to the exact one",
         _hertzian,
