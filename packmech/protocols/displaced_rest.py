@@ -221,7 +221,8 @@ def displaced_rest(
     ----------
     scene
         Discs or spheres, jammed: what `jam` returned at that pressure or, where its forces are rounded so much that
-        contacts are lost, up to a thousand times above.
+        contacts are lost, up to a thousand times above: displacements round by 1e-16 of the overlaps there, which are
+        a thousand of those at the end, and 1024 discs balance to 3e-11 then.
     pressure
         Pressure at the end [energy_scale / diameter^d].
     strain
