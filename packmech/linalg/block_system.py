@@ -19,6 +19,8 @@ from packmech.contacts.network import distinct_pairs
 from packmech.jit.compiled import kernel
 
 Solver = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+# rows from which on supernodes win in two dimensions, too
+_LARGE = 1000
 
 
 def _pattern(
@@ -141,9 +143,10 @@ class BlockSystem:
     particles, dimension
         N and d.
     backend
-        "qdldl", "rslab" (supernodal, if installed) or "auto": rslab in three dimensions where it is installed, else
-        qdldl. Measured, CPU milliseconds of one factorization of the pairs within 1.3 diameters: 2D N = 4096: qdldl
-        19, rslab 33; 3D N = 1024: 160 and 58.
+        "qdldl", "rslab" (supernodal, ordered by nested dissection) or "auto": rslab in three dimensions and for more
+        than 1000 rows where it is installed, else qdldl. Measured, CPU milliseconds of one factorization of the pairs
+        within 1.35 diameters, qdldl and rslab: 2D N = 1024: 4.9 and 5.1; 4096: 35 and 15; 16384: 540 and 88; 3D N =
+        1024, within 1.3 diameters: 160 and 48.
 
     """
 
@@ -161,7 +164,8 @@ class BlockSystem:
 
         one_of("backend", backend, ("auto", "rslab", "qdldl"))
         if backend == "auto":
-            backend = "rslab" if dimension == 3 and importlib.util.find_spec("rslab") else "qdldl"
+            large = particles * dimension > _LARGE or dimension == 3
+            backend = "rslab" if large and importlib.util.find_spec("rslab") else "qdldl"
         self.backend = backend
         self.particles, self.dimension = particles, dimension
         self.i_c, self.j_c = i_c, j_c
@@ -174,7 +178,7 @@ class BlockSystem:
             import rslab
 
             lower = sp.csc_matrix((np.ones(len(index)), index, self._start), shape=(size, size))
-            self._symbolic = rslab.analyze(lower, path="ldlt", threads=1)
+            self._symbolic = rslab.analyze(lower, path="ldlt", threads=1, ordering="metis")
         else:
             # qdldl reads the upper triangle: where each of its numbers stands in the lower one
             start, row, self._from_lower = _transposed(self._start, index)

@@ -23,8 +23,8 @@ from packmech.result import Outcome
 _FIRE = Fire(dt_max=0.5, shrink=0.5)
 # strain under a load that shears, above which a packing is taken to flow without end
 _FLOWS = 1.0
-# steps between two calls of `watch`
-_WATCHED = 20
+# steps between two calls of `watch`, and between two looks at the clock where nobody watches
+_WATCHED, _UNWATCHED = 20, 200
 _ENDED = {CONVERGED: Outcome.CONVERGED, NOT_FINITE: Outcome.STALLED}
 
 
@@ -128,7 +128,8 @@ class StrainedFire:
         flow = self.program.box.lattice_dd @ self._inverse_dd - np.eye(len(self._inverse_dd))
         if self._sheared and np.abs(flow).max() > _FLOWS:
             return Outcome.STALLED
-        return min(self.steps + _WATCHED - self.steps % _WATCHED, self.step_limit)
+        portion = _UNWATCHED if self.watch is None else _WATCHED
+        return min(self.steps + portion - self.steps % portion, self.step_limit)
 
     def advance(self, steps: int) -> Outcome | None:
         """Take up to so many steps; return CONVERGED where forces and stress balance."""

@@ -38,7 +38,8 @@ BUDGET = 3  # displacement at which the inner list must be looked at again
 AGE = 4  # steps since the inner list was made
 SKIN_FULL = 5  # the outer skin that a new outer list gets
 BEYOND = 6  # how far beyond contact pairs act: skins begin there
-NUMBERS = 7
+BENT = 7  # half of what free strains may have taken from distances since the inner list was made
+NUMBERS = 8
 
 # which anchor of a list a strain is counted from
 INNER, OUTER = 0, 1
@@ -622,6 +623,7 @@ def _pick_anew(axes, row, space, pairs, track):
     mark_strain(space.flow, INNER)
     number[DISPLACED] = 0.0
     number[BUDGET] = 0.5 * number[SKIN_INNER]
+    number[BENT] = 0.0
     number[AGE] = 0.0
 
 
@@ -634,7 +636,7 @@ def update_lists(axes, row, space, pairs, track):
     if number[DISPLACED] < np.inf:
         room = 0.5 * number[SKIN_INNER]
         bent = strained(flow, INNER, reach + number[SKIN_INNER])
-        gone = displaced(flow, row, pairs.anchor_nd, INNER)
+        gone = displaced(flow, row, pairs.anchor_nd, INNER) + number[BENT]
         if gone + bent < 0.75 * room:
             # the bound added up the lengths of all steps; the true displacement leaves room
             number[DISPLACED] = 0.0

@@ -18,7 +18,16 @@ from packmech.constraints.compiled_links import add_tensions
 from packmech.contacts.cells import lattice_volume, set_frame
 from packmech.jit.compiled import device
 from packmech.minimize.passes.kernels import CONVERGED, NOT_FINITE, RUNNING, Sums, judge, survey
-from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER
+from packmech.minimize.passes.pair_list import (
+    BENT,
+    BEYOND,
+    BUDGET,
+    DISPLACED,
+    SKIN_INNER,
+    SKIN_OUTER,
+    largest_contact,
+    place_images,
+)
 
 # places in FreeStrains.number_k
 RESIDUAL, STRESS_ERROR, PRESSURE, NUMBERS = range(4)
@@ -58,7 +67,14 @@ class FreeStrains(NamedTuple):
 
 @device
 def strain_space(axes, row, space, pairs, map_dd):
-    """Strain the box of rows that were strained already. Pairs are kept as far as they are complete."""
+    """Strain the box of rows that were strained already. Outer pairs are kept as far as they are complete."""
+    _strain_outer(axes, row, space, pairs, map_dd)
+    pairs.number[DISPLACED] = np.inf
+
+
+@device
+def _strain_outer(axes, row, space, pairs, map_dd):
+    """Strain the box and the outer list; return the norm of the strain: no distance shrinks by more times itself."""
     d = len(axes)
     lattice = space.frame.lattice_dd
     new = np.zeros((3, 3))
@@ -67,7 +83,6 @@ def strain_space(axes, row, space, pairs, map_dd):
             for k in range(3):
                 new[a, b] += map_dd[a, k] * lattice[k, b]
     set_frame(space.frame, new)
-    # no distance shrinks by more than the norm of the strain times itself
     strain2 = 0.0
     for a in range(d):
         for b in range(d):
@@ -78,8 +93,20 @@ def strain_space(axes, row, space, pairs, map_dd):
     for a in range(space.sizes.largest_a.shape[0]):
         widest = max(widest, space.sizes.largest_a[a])
     pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * 4.0 * widest
-    pairs.number[DISPLACED] = np.inf
     set_resolution(axes, row, space)
+    return math.sqrt(strain2)
+
+
+@device
+def _strain_lists(axes, row, space, pairs, map_dd):
+    """Strain the box of rows that were strained already, and both lists, as a small step of a relaxation does."""
+    strain, number = _strain_outer(axes, row, space, pairs, map_dd), pairs.number
+    map_rows(axes, pairs.anchor_nd, pairs.anchor_nd.shape[0], map_dd)
+    place_images(space.frame, pairs)
+    # displacements are strained, too: twice as much as unlisted pairs may come nearer by
+    taken = strain * (largest_contact(space.sizes) + number[BEYOND] + number[SKIN_INNER])
+    number[BENT] += taken
+    number[BUDGET] -= taken
 
 
 @device
@@ -179,7 +206,7 @@ def move_box(strains, axes, row, space, pairs, keep, push, dt):
             for b in range(d):
                 map_dd[a, b] *= factor
     map_rows(axes, row, pairs.anchor_nd.shape[0], map_dd)
-    strain_space(axes, row, space, pairs, map_dd)
+    _strain_lists(axes, row, space, pairs, map_dd)
 
 
 @device
