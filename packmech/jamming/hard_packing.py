@@ -33,6 +33,9 @@ from packmech.packing import Packing
 # pairs with gaps up to this fraction of the contact distance are constraints; the list lasts while no other can close
 REACH = {2: 0.35, 3: 0.3}
 _STEP_CAP = 0.1
+# correctors: steps that are long enough without, how far beyond the longest step they look, what products count as
+# near, over their aim, and how much longer steps must get; chosen at N = 1024 (seeds 10 to 14)
+_LONG, _BEYOND, _LOWEST, _HIGHEST, _GAIN = 0.9, 0.3, 0.3, 10.0, 0.02
 _ENDLESS = 1e9
 
 
@@ -215,7 +218,7 @@ def contact_system(
     return ContactSystem(system, contacts.normal_cd, contacts.vector_cd, basis_kdd, live)
 
 
-class _NearPairs:
+class NearPairs:
     """The pairs near enough to touch, their geometry at the present positions, and how long the list lasts."""
 
     def __init__(
@@ -252,7 +255,7 @@ class _InteriorStep:
 
     def __init__(
         self,
-        pairs: _NearPairs,
+        pairs: NearPairs,
         basis_kdd: NDArray[np.float64],
         slack_c: NDArray[np.float64],
         force_c: NDArray[np.float64],
@@ -270,6 +273,27 @@ class _InteriorStep:
     def unbalanced(self) -> float:
         """Return the largest net force of the multipliers [mean force]."""
         return float(np.abs(self.contacts.gather(self.force_c)).max())
+
+    def corrected(
+        self, target_c: NDArray[np.float64], found: tuple[NDArray[np.float64], ...], aim: float
+    ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], ...]] | None:
+        """Return a target and its direction along which longer steps are possible, or None where that is not so.
+
+        Gondzio's corrector (Comput. Optim. Appl. 6, 137, 1996): the few pairs that would be far from the aim, a mean
+        product of slack and force, some way beyond the longest step get another target, and cost a solve each time.
+        """
+        *_, slack, force = found
+        reach = _largest_step(self.slack_c, slack), _largest_step(self.force_c, force)
+        if min(reach) > _LONG:
+            return None
+        ahead_p, ahead_d = (min(1.0, one + _BEYOND) for one in reach)
+        product = (self.slack_c + ahead_p * slack) * (self.force_c + ahead_d * force)
+        more = np.maximum(np.clip(product, _LOWEST * aim, _HIGHEST * aim) - product, -_HIGHEST * aim)
+        other = self.direction(target_c + more)
+        now = min(1.0, _largest_step(self.slack_c, other[2])) + min(1.0, _largest_step(self.force_c, other[3]))
+        if now < sum(min(1.0, one) for one in reach) + _GAIN:
+            return None
+        return target_c + more, other
 
     def direction(self, target_c: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Return displacements, strains, and the changes of slack and force that lead to slack * force = target."""
@@ -302,7 +326,7 @@ def start_state(
         Sum of force * distance over all pairs at the end.
 
     """
-    pairs = _NearPairs(position_nd, lattice_dd, radius_n)
+    pairs = NearPairs(position_nd, lattice_dd, radius_n)
     gap = pairs.measure(position_nd, lattice_dd)
     overlap = np.maximum(-gap, 0.0) / pairs.sigma_c
     touching = overlap > 0.0
@@ -330,6 +354,7 @@ def densify(
     *,
     barrier: float = 1e-12,
     iteration_limit: int = 500,
+    correctors: int = 0,
     watch: Callable[[HardState], None] | None = None,
 ) -> HardState:
     """Return the state after lowering the barrier to the one asked for, or at the iteration limit.
@@ -347,12 +372,14 @@ def densify(
         Mean of slack * force to end at; forces have mean of order one.
     iteration_limit
         Maximum number of iterations, counted from the start of the state.
+    correctors
+        Maximum number of Gondzio's correctors in an iteration: worth their solves where a factorization costs many.
     watch
         Called with the state after every iteration.
 
     """
     position, lattice = state.position_nd.copy(), state.lattice_dd.copy()
-    pairs = _NearPairs(position, lattice, radius_n)
+    pairs = NearPairs(position, lattice, radius_n)
     gap = pairs.measure(position, lattice)
     slack, force = np.maximum(gap, 1e-300), np.full(len(gap), 0.0)
     mean = state.barrier
@@ -373,7 +400,14 @@ def densify(
             # along walls
             center = min(1.0, max((reached / mean) ** 3, 1e-4, 0.3 * step.unbalanced() ** 2 / mean))
             correction = ds * df if min(ahead_p, ahead_d) > 0.1 else 0.0
-            u_nd, strain_k, ds, df = step.direction(center * mean + np.zeros_like(slack) - correction)
+            target = center * mean + np.zeros_like(slack) - correction
+            found = step.direction(target)
+            for _ in range(correctors):
+                better = step.corrected(target, found, max(center, 0.1) * mean)
+                if better is None:
+                    break
+                target, found = better
+            u_nd, strain_k, ds, df = found
         except np.linalg.LinAlgError:
             # no digits are left to go on with: the caller's certificate decides what this is worth
             break
@@ -388,7 +422,7 @@ def densify(
         force = force + size_d * df
         if not pairs.lasts(size_p * u_nd, size_p * float(np.linalg.norm(strain))):
             old = pairs.list
-            pairs = _NearPairs(position, lattice, radius_n)
+            pairs = NearPairs(position, lattice, radius_n)
             gap = pairs.measure(position, lattice)
             old_slack, old_force = slack, force
             slack, force = np.maximum(gap, 1e-3), np.zeros(len(gap))

@@ -20,7 +20,7 @@ from packmech.jit.compiled import kernel
 
 Solver = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 # rows from which on supernodes win in two dimensions, too
-_LARGE = 1000
+_LARGE = 2000
 
 
 def _pattern(
@@ -143,8 +143,8 @@ class BlockSystem:
     particles, dimension
         N and d.
     backend
-        "qdldl", "rslab" (supernodal, ordered by nested dissection) or "auto": rslab in three dimensions and for more
-        than 1000 rows where it is installed, else qdldl. Measured, CPU milliseconds of one factorization of the pairs
+        "qdldl", "rslab" (supernodal, ordered by nested dissection) or "auto": rslab in three dimensions and from
+        2000 rows on where it is installed, else qdldl. Measured, CPU milliseconds of one factorization of the pairs
         within 1.35 diameters, qdldl and rslab: 2D N = 1024: 4.9 and 5.1; 4096: 35 and 15; 16384: 540 and 88; 3D N =
         1024, within 1.3 diameters: 160 and 48.
 
@@ -164,7 +164,7 @@ class BlockSystem:
 
         one_of("backend", backend, ("auto", "rslab", "qdldl"))
         if backend == "auto":
-            large = particles * dimension > _LARGE or dimension == 3
+            large = particles * dimension >= _LARGE or dimension == 3
             backend = "rslab" if large and importlib.util.find_spec("rslab") else "qdldl"
         self.backend = backend
         self.particles, self.dimension = particles, dimension
