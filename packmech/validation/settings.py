@@ -30,6 +30,8 @@ from packmech.view.report import examine
 
 # share of the starts whose error must be within the target [1]
 _SHARE = 0.9
+# probability that a mean over starts is within it: their scatter is known from few [1]
+_MEAN_SHARE = 0.95
 # a value finer helps where it leaves at most this part of an error [1]; told from so many values
 _HELPS, _TRIED = 0.8, 3
 # starts after which settings may be given up, and errors that are, in units of the target
@@ -78,8 +80,8 @@ def settings_for(
     seed
         Of the first start; the others follow.
     mean
-        Whether the figures are means over starts: how many of them the mean takes is then one of the settings, and the
-        error is that of the mean.
+        Whether the figures are means over starts: how many of them the mean takes to be within the target in 19 of 20
+        cases is then one of the settings, and the error is that of the mean.
     time_limit
         Stop after so much CPU time [s]; what was found until then is not met.
     progress
@@ -487,7 +489,7 @@ def share_within(errors: Sequence[float], bound: float) -> float:
 
 
 def fewest_repeats(bias: float, unsure: float, scatter: float, bound: float, starts: int) -> int:
-    """Return the fewest repeats whose mean is within a bound with a probability of nine tenths; 0 where none are.
+    """Return the fewest repeats whose mean is within a bound with a probability of 19 in 20; 0 where none are.
 
     Parameters
     ----------
@@ -500,10 +502,10 @@ def fewest_repeats(bias: float, unsure: float, scatter: float, bound: float, sta
 
     Examples
     --------
-    The mean of n values of scatter 1 is within 0.1 with a probability of nine tenths for n near (1.645 / 0.1)^2:
+    The mean of n values of scatter 1 is within 0.1 with a probability of 19 in 20 for n near (1.96 / 0.1)^2:
 
     >>> fewest_repeats(0.0, 0.0, 1.0, 0.1, 10**6)
-    271
+    385
     >>> fewest_repeats(0.2, 0.0, 1.0, 0.1, 10)
     0
 
@@ -516,12 +518,12 @@ def fewest_repeats(bias: float, unsure: float, scatter: float, bound: float, sta
         low, high = (student.cdf((side * bound - bias) / width, starts - 1) for side in (-1.0, 1.0))
         return float(high - low)
 
-    if not share(_MOST_REPEATS) >= _SHARE:
+    if not share(_MOST_REPEATS) >= _MEAN_SHARE:
         return 0
     low, high = 0, 1
-    while not share(high) >= _SHARE:
+    while not share(high) >= _MEAN_SHARE:
         low, high = high, 2 * high
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if share(middle) >= _SHARE else (middle, high)
+        low, high = (low, middle) if share(middle) >= _MEAN_SHARE else (middle, high)
     return high
