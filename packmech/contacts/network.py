@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import Box
 from packmech.calls.display import shown
 from packmech.calls.honors import ANY_LENGTH, honors
-from packmech.check import chosen_rows, instance, particle_mask, real
+from packmech.check import chosen_rows, entries, instance, particle_mask, real
 from packmech.contacts.cells import find_pairs, frame_of, size_levels
 from packmech.contacts.excluded import Excluded
 from packmech.jit.compiled import device, kernel
@@ -218,7 +218,10 @@ class Contacts:
         return slope
 
     def _share(self, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(radius_n[self.i_c] / (radius_n[self.i_c] + radius_n[self.j_c]))
+        radius = entries("radius_n", radius_n, "iuf", "real numbers")
+        if radius.ndim != 1 or len(radius) < self.particles:
+            raise ValueError(f"radius_n must have shape ({self.particles},), got {radius.shape}")
+        return np.asarray(radius[self.i_c] / (radius[self.i_c] + radius[self.j_c]))
 
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""

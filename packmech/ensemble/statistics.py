@@ -320,6 +320,8 @@ def fit_power_law(
     if not (np.isfinite(raised) & (raised > 0.0)).all():
         raise ValueError(f"exponent must be so small that sizes to its power are numbers, got {brief(exponent)}")
     value = finite_array("value_g", value_g, shape=size.shape, what="group")
+    if not np.ptp(raised) > 1e-12 * np.abs(raised).max():
+        raise ValueError(f"exponent must tell sizes apart when they are raised to it, got {brief(exponent)}")
     slope, height, slope_error, height_error, chi = _missed(fit_line(raised, value, error))
     return PowerLawFit(power, 0.0, slope, slope_error, height, height_error, chi)
 
