@@ -116,6 +116,14 @@ def test_disc_hanging_by_one_contact_rattles_and_its_neighbors_do_not():
     assert np.flatnonzero(pm.find_rattlers(packing)).tolist() == [24]
 
 
+def test_the_contact_of_a_rattler_counts_for_none_of_the_others():
+    # a crystal of 25 discs has 75 contacts, of which its vacancy takes 6; the guest in it touches one neighbor
+    packing = crystal_with_guest(0.0)
+    assert pm.coordination_number(packing, gap_tolerance=1e-9) == 2.0 * 69 / 24
+    assert pm.coordination_number(packing, gap_tolerance=1e-9, rattlers="keep") == 2.0 * 70 / 25
+    assert pm.coordination_number(crystal_with_guest(0.01), gap_tolerance=1e-9) == 2.0 * 69 / 24
+
+
 def test_removing_rattlers_returns_the_rest_and_their_numbers():
     packing = crystal_with_guest(0.01)
     backbone, index = pm.remove_rattlers(packing)

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 import packmech as pm
 from packmech.jamming.certificates import (
     BALANCE,
+    NET_FORCES,
     ROUNDING,
     borne,
     closes_nothing,
@@ -124,12 +125,46 @@ def test_a_force_that_rounding_could_make_proves_nothing(cone, true_weight):
     assert "not known better than" in finding.reason
 
 
+def test_the_error_of_forces_is_so_many_times_their_distance_from_a_balance_along_the_softest_row(cone, true_weight):
+    left, value, _ = np.linalg.svd(cone.rows.toarray(), full_matrices=False)
+    last = cone.unknowns - cone.dimension - 1
+    assert value[last] / value[0] == pytest.approx(cone.softest()[0], rel=1e-2)
+    # |r| / s is the distance itself where the net forces r are those of the softest singular vector
+    off = true_weight + 1e-6 * left[:, last]
+    assert np.linalg.norm(off - cone.balanced(off)) == pytest.approx(1e-6, rel=1e-4)
+    assert force_error(cone, cone.softest()[0], off) == pytest.approx(NET_FORCES * 1e-6, rel=1e-2)
+
+
+def test_forces_in_exact_balance_are_known_to_rounding_of_the_contacts_directions_only():
+    square = pm.lattice_packing("square", repeats=(4, 4))
+    cone = motion_cone(square, pm.find_contacts(square, gap_tolerance=1e-9), strain="none")
+    weight = np.ones(cone.rows.shape[0])
+    assert not (cone.rows.T @ weight).any()
+    # rows wrong by e move a state of self stress by e |w| / s; the floppy crystal's s is put in by hand
+    least = 0.1 * np.sqrt(cone.largest_eigenvalue)
+    assert force_error(cone, 0.1, weight) > np.finfo(float).eps * np.linalg.norm(weight) / least
+
+
 def test_a_volume_that_pulls_proves_nothing(cone, true_weight):
     assert cone.one_sided.shape[0] == 1
     turned = replace(cone, one_sided=sp.csr_array(-cone.one_sided))
     lie = np.append(true_weight[:-1], -true_weight[-1])
     assert np.abs(turned.rows.T @ lie).max() < BALANCE
     assert believed(turned, lie).jammed is None
+
+
+@pytest.mark.parametrize(("share", "jammed"), [(3.0, None), (1.0 / 3.0, True)])
+def test_a_volume_that_presses_by_less_than_the_error_proves_nothing(cone, true_weight, share, jammed):
+    count = cone.opening.shape[0]
+    smallest = true_weight[:count].min()
+    little = 0.1 * smallest
+    # the volume's row made longer, its multiplier is as much smaller
+    long = replace(cone, one_sided=sp.csr_array(cone.one_sided * (true_weight[-1] / little)))
+    weight = np.append(true_weight[:-1], little)
+    # rows so nearly dependent that the error is this share of the multiplier, always below the forces
+    softest = long.softest()[0] * force_error(long, long.softest()[0], weight) / (share * little)
+    assert share * little < smallest
+    assert proven(long, softest, weight, None, ()).jammed is jammed
 
 
 @pytest.mark.parametrize("by", [1e-3, 1e-6, 100.0])
@@ -178,3 +213,14 @@ def test_multipliers_that_bear_no_load_prove_nothing(cone, lie):
     assert borne(cone, load, wrong) is None
     if lie == "pulling":
         assert turned_round(cone, load, wrong) is None
+
+
+@pytest.mark.parametrize(("least_weight", "bears"), [(1e-4, True), (-1e-4, False)])
+def test_a_load_is_borne_where_all_weights_press_however_little_one_pulls(cone, true_weight, least_weight, bears):
+    load = cone.without_translations(np.random.default_rng(0).standard_normal(cone.unknowns))
+    load /= np.linalg.norm(load)
+    weight = cone.bearing(np.zeros(cone.rows.shape[0]), load)
+    # any multiple of the state of self stress may be added: as much as leaves one weight so small
+    weight += ((least_weight - weight) / true_weight).max() * true_weight
+    assert weight.min() == pytest.approx(least_weight, rel=1e-6)
+    assert (borne(cone, load, weight) is not None) == bears

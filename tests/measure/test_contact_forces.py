@@ -331,6 +331,22 @@ def test_mu_to_zero_counts_every_tangential_force_as_chosen():
     assert found.coordination_number >= found.isostatic_coordination
 
 
+@pytest.mark.parametrize("sliding", [0, 1, 5])
+@pytest.mark.parametrize(("name", "d"), [("triangular", 2), ("fcc", 3)])
+def test_each_sliding_contact_of_a_crystal_adds_2_over_d_n_to_its_isostatic_coordination(name, d, sliding):
+    crystal = pm.lattice_packing(name, repeats=(2,) * d, relative_overlap=0.01)
+    found = pm.find_contacts(crystal).select(np.arange(sliding))
+    # displacements far beyond what the coefficient lets a contact bear, in the plane one number each
+    across = np.cross(found.normal_cd, np.roll(found.normal_cd, 1, axis=1)) if d == 3 else np.ones((sliding, 1))
+    springs = pm.TangentialDisplacements(found.i_c, found.j_c, found.image_cd, across) if sliding else None
+    rough = pm.Scene(crystal.replace(tangential=springs), (pm.Repulsion(), pm.Friction(0.1, stiffness=1.0)))
+    forces = pm.contact_forces(rough)
+    assert forces.at_limit_c.sum() == sliding and not forces.rattlers_n.any()
+    # d + 1 where all stick: d (d + 1) / 2 numbers balance a particle, and a contact bears d for two of them
+    expected = (d + 1) + 2.0 * sliding / (d * crystal.particles)
+    assert forces.isostatic_coordination == pytest.approx(expected, rel=1e-14)
+
+
 @pytest.mark.parametrize("call", ["find_rattlers", "coordination_number", "remove_rattlers", "classify_jamming"])
 def test_a_frictional_packing_is_refused_where_friction_would_be_ignored(call):
     with pytest.raises(ValueError, match="must have no tangential displacements .*pm.contact_forces"):

@@ -123,6 +123,14 @@ def test_square_crystal_under_pressure_has_the_shear_modulus_minus_the_pressure_
         assert moduli.negative_positions == int((value < -1e-9).sum())
 
 
+@pytest.mark.parametrize(("overlap", "unstable"), [(0.0, 0), (1e-12, 0), (1e-9, 1), (1e-6, 1)])
+def test_the_least_pressure_shears_the_square_crystal_away_and_rounding_of_none_does_not(overlap, unstable):
+    # the energy along its shear is minus the pressure; below 1e-10 of the stiffness it counts as none
+    moduli = pm.elastic_moduli(crystal("square", (1, 1), overlap))
+    assert moduli.energy[2, 2] == pytest.approx(-moduli.pressure, rel=1e-6, abs=1e-20)
+    assert moduli.negative_strains == moduli.negative_modes == unstable and moduli.stable == (not unstable)
+
+
 def test_triangular_crystal_shears_away_beyond_an_overlap_of_one_quarter():
     assert pm.elastic_moduli(crystal("triangular", (1, 1), 0.24)).stable
     beyond = pm.elastic_moduli(crystal("triangular", (1, 1), 0.26))

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.mechanics.stability import stability
+from packmech.linalg.factor import NotDefinite
+from packmech.mechanics import stability as module
+from packmech.mechanics.stability import Stability, stability
 
 
 def row(count, overlap, dimension):
@@ -20,6 +22,28 @@ def row(count, overlap, dimension):
 def test_a_straight_row_has_an_unstable_direction_across_for_each_wave_but_the_uniform_one(count, overlap, dimension):
     # curvature across at wave number q: -2 (1 - cos q) times force over distance
     assert stability(row(count, overlap, dimension)).negative == (count - 1) * (dimension - 1)
+
+
+@pytest.mark.parametrize(
+    ("overlap", "unbalanced", "unstable"), [(1e-11, 0.0, 0), (1e-9, 0.0, 2), (1e-9, 1e-8, 0), (1e-8, 1.0, 2)]
+)
+def test_curvatures_count_beyond_rounding_and_what_is_unbalanced_and_always_beyond_5e_9(overlap, unbalanced, unstable):
+    # two waves across three discs of stiffness 2, of curvature -3 times the overlap: rounding is 2e-10; forces that do
+    # not balance explain four times their size over the radius, but never more than 1e-8
+    assert stability(row(3, overlap, 2), unbalanced).negative == unstable
+
+
+def test_what_is_not_judged_does_not_pass_for_a_minimum(monkeypatch):
+    def fail(scene):
+        raise NotDefinite("no factor")
+
+    monkeypatch.setattr(module, "curvature_of", fail)
+    found = stability(row(3, 0.05, 2))
+    assert found.negative is None and found.unstable == 1
+    assert found.to_dict() == {"negative_modes": None, "not_judged": f"minimum or saddle: {found.reason}"}
+    assert Stability(0).to_dict() == {"negative_modes": 0} and Stability(0).unstable == 0
+    with pytest.raises(ValueError, match="must be unstable for a direction, got None"):
+        found.direction()
 
 
 def test_the_direction_that_is_given_is_among_the_lowest_curvatures():

@@ -29,6 +29,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from mutants.catalogue import CATALOGUE, TESTS, Fault  # noqa: E402
 from mutants.generate import generated  # noqa: E402
+from mutants.warm import Warm  # noqa: E402
 
 KILLED, TOO_LONG, SURVIVED, EQUIVALENT, NOT_TRIED = "killed", "killed: too long", "survived", "equivalent", "not tried"
 HEAD = ("file", "fault", "guard", "outcome", "seconds", "killed by, or why equivalent")
@@ -82,10 +83,16 @@ def run_tests(here: Path, tests: tuple[str, ...], seconds: int) -> tuple[str, st
     raise SystemExit(f"tests could not be run, pytest ended with {process.returncode}:\n{said[-2000:]}")
 
 
-def outcome(here: Path, fault: Fault, seconds: int) -> tuple[str, str, float]:
+def outcome(here: Path, fault: Fault, seconds: int, warm: Warm | None = None) -> tuple[str, str, float]:
     """Return what becomes of one fault, which test killed it, and how long that took [s]."""
     text = (here / fault.file).read_text(encoding="utf-8")
     began = time.perf_counter()
+    if warm is not None:
+        ended = warm.outcome(fault, text, fault.tests or TESTS[fault.file], seconds)
+        if ended is not None:
+            code, by = ended
+            found = SURVIVED if code == 0 else TOO_LONG if code < 0 else KILLED
+            return found, by, time.perf_counter() - began
     write(here, fault.file, fault.put_into(text))
     try:
         found, by = run_tests(here, fault.tests or TESTS[fault.file], seconds)
@@ -149,6 +156,7 @@ def main() -> int:
     parser.add_argument("--again", action="store_true", help="only faults that survived")
     parser.add_argument("--list", action="store_true", help="print the faults and try none")
     parser.add_argument("--check", action="store_true", help="run the tests without any fault first: they must pass")
+    parser.add_argument("--warm", action="store_true", help="in forks of one process that has run the tests")
     parser.add_argument("--generate", nargs="*", default=[], metavar="FILE", help="make faults from these files")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=20, help="of generated faults for each file")
@@ -178,7 +186,10 @@ def main() -> int:
     survived = 0
     with tempfile.TemporaryDirectory() as folder:
         here = copied(Path(folder))
-        if asked.check:
+        warm = None
+        if asked.warm:
+            warm = Warm(here, tuple(dict.fromkeys(name for one in faults for name in one.tests or TESTS[one.file])))
+        elif asked.check:
             names = dict.fromkeys(name for one in faults for name in one.tests or TESTS[one.file])
             found, by = run_tests(here, tuple(names), 10 * asked.seconds)
             if found != SURVIVED:
@@ -189,7 +200,7 @@ def main() -> int:
                 continue
             if time.perf_counter() - began > 60.0 * asked.minutes:
                 break
-            found, by, seconds = outcome(here, one, asked.seconds)
+            found, by, seconds = outcome(here, one, asked.seconds, warm)
             survived += found == SURVIVED
             rows[one.key] = row_of(one, found, seconds, by)
             print(f"{found:16} {seconds:5.0f} s  {one.file}: {one.what}  {by}", flush=True)
