@@ -16,11 +16,14 @@ from packmech.jamming.certificates import (
     NET_FORCES,
     ROUNDING,
     borne,
+    certify,
     closes_nothing,
     force_error,
+    is_surely_rigid,
     kept_open,
     proven,
     turned_round,
+    yield_to_loads,
 )
 from packmech.jamming.contact_selection import backbone_contacts
 from packmech.jamming.motion_cone import MotionCone, motion_cone
@@ -224,3 +227,85 @@ def test_a_load_is_borne_where_all_weights_press_however_little_one_pulls(cone, 
     weight += ((least_weight - weight) / true_weight).max() * true_weight
     assert weight.min() == pytest.approx(least_weight, rel=1e-6)
     assert (borne(cone, load, weight) is not None) == bears
+
+
+def pair_held_by_tilts(tilt, tilts=(1, 1, -1, -1), slack=0.0):
+    """Return the motions of two discs with contacts left and right, each turned up or down by a small angle.
+
+    Up and down they change contacts by the tilt only: a singular value of sqrt(2) times it for each two contacts.
+    """
+    two = pm.Packing([[0.0, 0.0], [1.0, 0.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    cone = motion_cone(two, pm.find_contacts(two, gap_tolerance=1e-9), strain="none")
+    side = np.array([1.0, -1.0] * (len(tilts) // 2))
+    normal = np.stack([side * np.sqrt(1.0 - tilt**2), tilt * np.array(tilts, dtype=float)], axis=1)
+    opening = sp.csr_array(np.hstack([-normal, normal]))
+    return replace(cone, opening=opening, slack=slack, gap_c=np.zeros(len(tilts)))
+
+
+def with_sign(cone, sign):
+    """Return the cone with its softest motion up, or down: which one a solver finds is chance."""
+    value, motion = cone.softest()
+    turned = replace(cone)
+    turned.__dict__["_softest"] = value, sign * np.sign(motion[3]) * motion
+    return turned
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_soft_motion_is_surely_held_only_where_contacts_close_either_way(sign):
+    assert is_surely_rigid(with_sign(pair_held_by_tilts(1e-5), sign))
+    # all tilts up: up they open and down they close
+    assert not is_surely_rigid(with_sign(pair_held_by_tilts(1e-5, tilts=(1, 1)), sign))
+
+
+@pytest.mark.parametrize(("slack", "sure"), [(1e-8, True), (1e-6, False)])
+def test_a_soft_motion_is_surely_held_only_above_a_hundred_times_what_the_rows_are_known_to(slack, sure):
+    # the singular value is 2.8e-5, by Weyl's bound known to 2.8 slacks
+    assert is_surely_rigid(pair_held_by_tilts(1e-5, slack=slack)) == sure
+
+
+def test_a_motion_is_floppy_where_it_changes_nothing_and_left_open_below_what_contacts_are_known_to():
+    floppy = certify(pair_held_by_tilts(0.0))
+    assert floppy.jammed is False and not floppy.within_error and "changes no contact" in floppy.reason
+    within = certify(pair_held_by_tilts(1e-9, slack=1e-9))
+    assert within.jammed is False and within.within_error and "by less than these are known" in within.reason
+    known = certify(pair_held_by_tilts(1e-9, slack=1e-11))
+    assert known.jammed is None and not known.within_error
+
+
+@pytest.mark.parametrize(("tilt", "floppy"), [(1e-15, True), (1e-12, False), (1e-6, False)])
+def test_only_what_rounding_makes_of_a_contact_is_no_change(tilt, floppy):
+    assert pair_held_by_tilts(tilt).is_floppy == floppy
+
+
+def test_a_stiff_motion_is_not_floppy_within_the_error_however_little_is_known():
+    assert pair_held_by_tilts(1e-6, slack=1.0).is_floppy_within_error
+    assert not pair_held_by_tilts(0.1, slack=1.0).is_floppy_within_error
+
+
+class Drawn:
+    """A generator that draws what it is told to."""
+
+    def __init__(self, load):
+        self.load = load
+
+    def standard_normal(self, size):
+        assert size == len(self.load)
+        return self.load.copy()
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("fallback", [True, False])
+def test_a_motion_that_only_one_of_a_load_and_its_opposite_makes_is_found_and_closes_nothing(floppy, sign, fallback):
+    cone, motion = floppy
+    finding = yield_to_loads(cone, Drawn(sign * motion), fallback=fallback)
+    assert finding.jammed is False
+    assert closes_nothing(cone, finding.motion)
+
+
+def test_what_shutting_leaves_of_a_motion_is_none_where_it_is_rounding(monkeypatch):
+    cone = pair_held_by_tilts(1e-4)
+    up = np.array([0.0, -1.0, 0.0, 1.0])
+    assert kept_open(cone, up, opening=False) is None
+    # a translation of rounding size changes no contact
+    monkeypatch.setattr(MotionCone, "shutting", lambda self, motion, shut: iter([np.full(4, 1e-16)]))
+    assert kept_open(cone, up, opening=False) is None

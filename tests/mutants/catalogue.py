@@ -73,8 +73,19 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/mechanics/modes.py": _tests("mechanics", "modes link_modes"),
     "packmech/contacts/rattlers.py": _tests("contacts", "rattlers"),
     "packmech/measure/rattlers.py": _tests("mechanics", "rattling link_rattlers"),
-    "packmech/measure/counting.py": _tests("measure", "contact_forces"),
+    "packmech/measure/counting.py": (*_tests("contacts", "rattlers"), *_tests("measure", "contact_forces")),
     "packmech/measure/contact_forces.py": _tests("measure", "contact_forces"),
+    "packmech/mechanics/hessian.py": _tests("mechanics", "hessian exact_hessian modes"),
+    "packmech/mechanics/assembly.py": _tests("mechanics", "hessian exact_hessian bonds_at_rest"),
+    "packmech/mechanics/system.py": _tests("mechanics", "hessian exact_hessian elasticity link_moduli"),
+    "packmech/mechanics/self_stress.py": _tests("mechanics", "rigidity link_counting"),
+    "packmech/loop/checkpoint.py": _tests("loop", "checkpoint_file damaged_checkpoints run_loop"),
+    "packmech/effects/laws.py": _tests("effects", "laws frictional_laws"),
+    "packmech/effects/cohesion.py": _tests("effects", "cohesion"),
+    "packmech/linalg/mandel.py": _tests("linalg", "strain"),
+    "envs/packmech_envs/quench.py": _tests("envs", "quench"),
+    "envs/packmech_envs/shear_goals.py": _tests("envs", "shear"),
+    "envs/packmech_envs/tasks.py": _tests("envs", "quench shear"),
 }
 
 
