@@ -282,6 +282,16 @@ def test_a_stiff_motion_is_not_floppy_within_the_error_however_little_is_known()
     assert not pair_held_by_tilts(0.1, slack=1.0).is_floppy_within_error
 
 
+@pytest.mark.parametrize("overlap", [0.0, 1e-6, 1e-3])
+@pytest.mark.parametrize("shift", [0.0, 2.0**20])
+def test_contacts_are_known_to_their_largest_overlap_and_to_rounding_of_the_coordinates(overlap, shift):
+    square = pm.lattice_packing("square", repeats=(3, 3), relative_overlap=overlap)
+    square = square.replace(position_nd=square.position_nd + shift)
+    cone = motion_cone(square, pm.find_contacts(square, gap_tolerance=1e-9), strain="none")
+    rounding = np.spacing(np.abs(square.position_nd).max()) / square.reference_diameter
+    assert overlap + 0.999 * rounding <= cone.slack <= overlap * (1.0 + 1e-9) + 4.0 * rounding
+
+
 class Drawn:
     """A generator that draws what it is told to."""
 

@@ -1,9 +1,12 @@
 """Closed forms of the elastic moduli of crystals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.mechanics import elasticity
 
 ROOT = 3**0.5
 
@@ -129,6 +132,37 @@ def test_the_least_pressure_shears_the_square_crystal_away_and_rounding_of_none_
     moduli = pm.elastic_moduli(crystal("square", (1, 1), overlap))
     assert moduli.energy[2, 2] == pytest.approx(-moduli.pressure, rel=1e-6, abs=1e-20)
     assert moduli.negative_strains == moduli.negative_modes == unstable and moduli.stable == (not unstable)
+    # its one disc has nowhere to relax to: the affine stiffness is the same
+    assert np.isnan(moduli.average("voigt", tangent="affine").bulk_modulus) == bool(unstable)
+
+
+@pytest.mark.parametrize("changes", [{"negative_positions": 1}, {"negative_strains": 1}, {"cauchy_least": -1e-9}])
+def test_a_packing_is_stable_only_without_negative_modes_and_where_every_strain_takes_work(changes):
+    moduli = pm.elastic_moduli(crystal("triangular", (1, 1), 0.01))
+    assert moduli.stable and np.isfinite(moduli.anisotropy) and np.isfinite(moduli.voigt.shear_modulus)
+    other = replace(moduli, **changes)
+    assert not other.stable and np.isnan(other.anisotropy) and np.isnan(other.voigt.shear_modulus)
+    assert other.negative_modes == changes.get("negative_positions", 0) + changes.get("negative_strains", 0)
+    assert other.stable_in_box == ("negative_positions" not in changes)
+
+
+def test_a_relaxation_that_leaves_loads_unbalanced_makes_no_packing_stable(monkeypatch):
+    scene = crystal("triangular", (2, 2), 0.01)
+    assert pm.elastic_moduli(scene).stable
+    relax = elasticity.relax
+    monkeypatch.setattr(elasticity, "relax", lambda system: relax(system)._replace(residual=1e-3))
+    moduli = pm.elastic_moduli(scene)
+    assert moduli.negative_strains == 1 and not moduli.stable and np.isnan(moduli.hill.shear_modulus)
+
+
+def test_contacts_that_agree_with_no_motion_make_no_packing_stable(monkeypatch):
+    scene = crystal("triangular", (2, 2), 0.01)
+    rough = scene.replace(effects=(*scene.effects, pm.Friction(0.5, stiffness=1.0)))
+    shear = [[0.0, 1.0], [1.0, 0.0]]
+    assert pm.elastic_moduli(rough, contacts_at_limit=shear).stable
+    find = elasticity.find_sliding
+    monkeypatch.setattr(elasticity, "find_sliding", lambda *given: (*find(*given)[:3], False))
+    assert not pm.elastic_moduli(rough, contacts_at_limit=shear).stable
 
 
 def test_triangular_crystal_shears_away_beyond_an_overlap_of_one_quarter():

@@ -174,10 +174,26 @@ CATALOGUE: list[Fault] = [
             "motions that are no numbers go on",
             "if not np.isfinite(change).all() or closing <= 0.0:",
             "if closing <= 0.0:",
+            "such motions make the largest closing NaN, and every comparison after it refuses them",
         ),
-        ("large closings are shut by projection", "if times * closing > _LITTLE * size:", "if False:"),
-        ("rules may change where contacts are shut", "shut[count : count + cone.held.shape[0]] = True", "pass"),
-        ("all contacts may be shut", "if opening and shut[:count].all():", "if False:"),
+        (
+            "large closings are shut by projection",
+            "if times * closing > _LITTLE * size:",
+            "if False:",
+            "closes_nothing checks what projection makes of them: more proofs are found, none is wrong",
+        ),
+        (
+            "rules may change where contacts are shut",
+            "shut[count : count + cone.held.shape[0]] = True",
+            "pass",
+            "closes_nothing enforces the rules before it looks, and so does what is returned",
+        ),
+        (
+            "all contacts may be shut",
+            "if opening and shut[:count].all():",
+            "if False:",
+            "a motion that opens nothing is refused by closes_nothing all the same",
+        ),
         (
             "a shut motion is a proof unchecked",
             "if float(np.abs(kept).max()) > 0.5 * size and closes_nothing(cone, kept, opening=opening):",
@@ -200,7 +216,12 @@ CATALOGUE: list[Fault] = [
             "return (weight, longest) if far * longest <= NEAREST else None",
             "return (weight, longest)",
         ),
-        ("stress that pulls turns a load round", "if not (stress[pressing] > 0.0).all():", "if False:"),
+        (
+            "stress that pulls turns a load round",
+            "if not (stress[pressing] > 0.0).all():",
+            "if False:",
+            "the weights that it makes are checked by borne, where those that pull count as none",
+        ),
         ("one load decides", "for sign in (1.0, -1.0):", "for sign in (1.0,):"),
         (
             "a motion of a load is a proof unchecked",
@@ -226,7 +247,12 @@ CATALOGUE: list[Fault] = [
     ),
     *_guards(
         "packmech/jamming/motion_cone.py",
-        ("too few rows hold", "if self.rows.shape[0] < self.unknowns - self.dimension:", "if False:"),
+        (
+            "too few rows hold",
+            "if self.rows.shape[0] < self.unknowns - self.dimension:",
+            "if False:",
+            "the rows then have a motion that they do not see, which softest finds to rounding",
+        ),
         (
             "a soft motion that changes rows is floppy",
             "value**2 <= FLOPPY and self.changes_nothing(motion)",
@@ -236,6 +262,7 @@ CATALOGUE: list[Fault] = [
             "a motion that changes no row is floppy however stiff",
             "value**2 <= FLOPPY and self.changes_nothing(motion)",
             "self.changes_nothing(motion)",
+            "a change by rounding of the rows is far below the threshold of rank, 1e-5, up to any size of packing",
         ),
         ("no motion is soft", "FLOPPY = 1e-10\n", "FLOPPY = 1e-40\n"),
         (
