@@ -51,7 +51,7 @@ def _tests(folder: str, names: str) -> tuple[str, ...]:
 
 
 _VERDICT = _tests("jamming", "guards verdict_softness verdict_assumptions programs load_gap gap_sensitivity verdict")
-_SELECTED = _tests("jamming", "gap_sensitivity verdict ambiguous verdict_assumptions jamming")
+_SELECTED = _tests("jamming", "settled gap_sensitivity verdict ambiguous verdict_assumptions jamming")
 _LINKED = _tests("jamming", "link_jamming")
 # tests that should notice faults of a file
 TESTS: dict[str, tuple[str, ...]] = {
