@@ -102,6 +102,13 @@ def test_column_of_discs_in_a_wide_box_rattles_though_it_touches_its_images():
     assert pm.find_rattlers(column).all()
 
 
+def test_a_column_that_nothing_keeps_from_buckling_has_no_contacts_that_count_and_a_warning_if_it_presses():
+    box = pm.Box([[1.0, 0.0], [0.0, 3.0]])
+    assert pm.coordination_number(pm.Packing([[0.0, 0.0]], [0.5], box), gap_tolerance=1e-9) == 0.0
+    with pytest.warns(UserWarning, match="got 1 pairs that overlap and no particle that they hold"):
+        assert pm.coordination_number(pm.Packing([[0.0, 0.0]], [0.51], box)) == 0.0
+
+
 def crystal_with_guest(gap):
     """Return a triangular crystal with one vacancy, and in it a small disc at the given gap from one neighbor."""
     crystal = pm.lattice_packing("triangular", repeats=(5, 5))

@@ -33,6 +33,22 @@ def test_curvatures_count_beyond_rounding_and_what_is_unbalanced_and_always_beyo
     assert stability(row(3, overlap, 2), unbalanced).negative == unstable
 
 
+def test_links_in_a_straight_row_push_it_aside_as_contacts_do():
+    # links bear the row's force where they stand in for contacts: each wave but the uniform one falls away
+    scene = row(4, 0.05, 2)
+    links = pm.Links([0, 2], [1, 3], [[0, 0], [0, 0]], [1.0, 1.0])
+    assert stability(scene.replace(packing=scene.packing.replace(links=links))).negative == 3
+
+
+def test_shapes_whose_effects_have_no_second_derivative_are_not_judged(monkeypatch):
+    packing = pm.random_packing(4, dimension=2, packing_fraction=0.3, seed=0, shapes=pm.Ellipses(1.5))
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    assert stability(scene).negative is not None
+    monkeypatch.setattr(module, "lacking_second", lambda effects: effects)
+    found = stability(scene)
+    assert found.negative is None and found.reason == "Repulsion has no body_second"
+
+
 def test_what_is_not_judged_does_not_pass_for_a_minimum(monkeypatch):
     def fail(scene):
         raise NotDefinite("no factor")

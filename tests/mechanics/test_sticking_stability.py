@@ -20,6 +20,8 @@ def test_springs_that_are_stiff_enough_hold_a_square_crystal(monkeypatch, dense,
     values = np.linalg.eigvalsh(matrix.toarray())
     assert negative == int((values < -1e-6).sum())
     assert (negative == 0) == stands
+    # forces that do not balance bend contacts by four times their size over the radius: more than any curvature here
+    assert stability(scene, unbalanced=1.0).negative == 0
 
 
 @pytest.mark.parametrize("side", [0.0, 0.2])
