@@ -40,6 +40,9 @@ _MINIMUM_DEPTH = 1e-11
 _DEEPER = StepLengths(
     next=math.log(4.0), longest=math.log(4.0), growth=1.5, shortest=2.0 * math.log(1.02)
 )  # fmt: skip
+# Large packings rearrange at so many pressures that short steps hardly help: FIRE finds the way sooner. Measured at N =
+# 1024, seconds from the hard packing to pressures 1e-2 to 1e-5: 1.9 to 2.3 with all steps, FIRE alone .2 to .6.
+_LARGE, _GIVEN_UP = 1000, math.log(2.0)
 
 
 def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> SoftState:
@@ -245,7 +248,8 @@ def follow_pressure(
         return Step(trial, further)
 
     end, reached = math.log(goal), depth / goal
-    for step in follow(reach, state, math.log(depth), end, replace(_DEEPER)) if depth < goal else ():
+    lengths = replace(_DEEPER, shortest=_GIVEN_UP) if hard.packing.particles >= _LARGE else replace(_DEEPER)
+    for step in follow(reach, state, math.log(depth), end, lengths) if depth < goal else ():
         state, reached = step.after, math.exp(step.place - end)
     return replace(state, iterations=iterations, reached=reached)
 
