@@ -109,7 +109,7 @@ def _center(position, lattice, pairs, sigma_c, loose_n, furthest_n):  # type: ig
 
 def _loose(pairs: NearPairs, bears_c: NDArray[np.bool_], particles: int) -> NDArray[np.bool_]:
     """Return the (N,) particles that fewer than d + 1 contacts hold, found again and again until no more are."""
-    i_c, j_c, dimension = pairs.list.i_c, pairs.list.j_c, pairs.normal_cd.shape[1]
+    i_c, j_c, dimension = pairs.list.i_c, pairs.list.j_c, pairs.list.image_cd.shape[1]
     loose, bears = np.zeros(particles, dtype=bool), bears_c.copy()
     while True:
         ends = np.concatenate([i_c[bears], j_c[bears]])
