@@ -92,3 +92,32 @@ def test_rattlers_and_their_contacts_count_in_no_mean():
     assert found.at_limit_per_particle == 3.0 / 15.0 and found.sliding_fraction == 3.0 / 42.0
     assert found.coordination_number == 2.0 * 42.0 / 15.0
     assert found.isostatic_coordination == pytest.approx(3.0 + 3.0 / 15.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("slipping", [0, 4])
+def test_springs_at_the_rolling_limit_count_as_sliding_contacts_do(slipping):
+    crystal = pm.lattice_packing("triangular", repeats=(2, 2), relative_overlap=0.01)
+    pairs = pm.find_contacts(crystal).select(np.arange(4))
+    rolled = np.zeros((4, 1))
+    rolled[:slipping] = 1.0
+    springs = pm.TangentialDisplacements(pairs.i_c, pairs.j_c, pairs.image_cd, np.zeros((4, 1)), rolling_ck=rolled)
+    effects = (*ROUGH, pm.RollingResistance(coefficient=0.1, stiffness=1.0))
+    found = pm.contact_forces(pm.Scene(crystal.replace(tangential=springs), effects))
+    # three numbers balance a disc, and a contact bears three for two of them, less one where its spring slips
+    expected = 2.0 * (3.0 + slipping / crystal.particles) / 3.0
+    assert not found.at_limit_c.any() and found.isostatic_coordination == pytest.approx(expected, rel=1e-14)
+
+
+def test_an_ellipse_that_leans_between_its_own_images_is_turned_though_no_force_moves_it():
+    # parallel ellipses of axes sqrt(2) and 1 / sqrt(2), at 45 degrees, touch from 2 / sqrt(5) = .89 on
+    lean = pm.Spheroids([2.0], [[1.0, 1.0]])
+    packing = pm.Packing([[2.0, 0.5]], [0.5], pm.Box(np.diag([6.0, 0.85])), shapes=lean)
+    found = pm.contact_forces(pm.Scene(packing, (pm.Repulsion(),)))
+    assert len(found.contacts) and np.abs(found.force_nd).max() < 1e-12
+    assert np.abs(found.torque_nk).max() > 1e-3 and found.residual > 0.1 and not found.at_rest
+
+
+def test_what_rough_walls_bear_is_in_no_count_of_contacts():
+    disc = pm.Packing([[5.0, 0.45]], [0.5], pm.Box.cubic(20.0, 2))
+    walls = pm.Walls(1, 0.0, 0.9, pm.LinearSpring(), friction=pm.Friction(0.5))
+    assert np.isnan(pm.contact_forces(pm.Scene(disc, (*ROUGH, walls))).isostatic_coordination)
