@@ -40,6 +40,14 @@ def test_links_in_a_straight_row_push_it_aside_as_contacts_do():
     assert stability(scene.replace(packing=scene.packing.replace(links=links))).negative == 3
 
 
+def test_links_whose_forces_nothing_determines_are_refused_and_not_judged():
+    # three discs in a line, each linked to both others: no length changes to first order as the middle one moves aside
+    scene = row(6, 0.05, 2)
+    links = pm.Links([0, 1, 0], [1, 2, 2], [[0, 0]] * 3, [1.0, 1.0, 2.0])
+    with pytest.raises(ValueError, match="links that hold to first order"):
+        stability(scene.replace(packing=scene.packing.replace(links=links)))
+
+
 def test_shapes_whose_effects_have_no_second_derivative_are_not_judged(monkeypatch):
     packing = pm.random_packing(4, dimension=2, packing_fraction=0.3, seed=0, shapes=pm.Ellipses(1.5))
     scene = pm.Scene(packing, (pm.Repulsion(),))

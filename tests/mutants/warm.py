@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-_OPTIONS = ("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", "-p", "no:warnings")
+_OPTIONS = ("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no")
 
 
 def _codes(code: types.CodeType) -> list[types.CodeType]:
