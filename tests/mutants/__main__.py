@@ -17,6 +17,7 @@ import os
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -35,6 +36,8 @@ KILLED, TOO_LONG, SURVIVED, EQUIVALENT, NOT_TRIED = "killed", "killed: too long"
 HEAD = ("file", "fault", "guard", "outcome", "seconds", "killed by, or why equivalent")
 # how many times the limit of CPU time a run may take on a machine that is shared
 _PATIENCE = 20
+# signals by which limits of time end a process
+_LIMITS = (signal.SIGXCPU, signal.SIGKILL)
 
 
 def copied(folder: Path) -> Path:
@@ -74,7 +77,7 @@ def run_tests(here: Path, tests: tuple[str, ...], seconds: int) -> tuple[str, st
         process.communicate()
         return TOO_LONG, ""
     if process.returncode < 0:
-        return TOO_LONG, ""
+        return TOO_LONG if -process.returncode in _LIMITS else KILLED, ""
     if process.returncode == 0:
         return SURVIVED, ""
     failed = re.search(r"^(?:FAILED|ERROR) ([^\s]+)", said, re.MULTILINE)
@@ -91,7 +94,9 @@ def outcome(here: Path, fault: Fault, seconds: int, warm: Warm | None = None) ->
         ended = warm.outcome(fault, text, fault.tests or TESTS[fault.file], seconds)
         if ended is not None:
             code, by = ended
-            found = SURVIVED if code == 0 else TOO_LONG if code < 0 else KILLED
+            if code > 2:
+                raise SystemExit(f"tests could not be run, pytest ended with {code} for {fault.what!r}")
+            found = SURVIVED if code == 0 else TOO_LONG if -code in _LIMITS else KILLED
             return found, by, time.perf_counter() - began
     write(here, fault.file, fault.put_into(text))
     try:

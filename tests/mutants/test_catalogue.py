@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from mutants.catalogue import CATALOGUE, TESTS, Fault
 from mutants.generate import changes, generated
+from mutants.warm import changed_functions
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -42,6 +43,18 @@ def test_generated_faults_are_those_of_the_rules_and_of_the_seed():
     assert one == other and len({fault.now for fault in one}) == 5
     for fault in one:
         compile(fault.now, file, "exec")
+
+
+def test_a_fork_takes_what_changes_in_plain_functions_and_nothing_else():
+    text = "LIMIT = 1.0\n\n\nclass Law:\n    scale = 2.0\n\n    def force(self, x):\n        return -x * LIMIT\n"
+    was = compile(text, "law.py", "exec")
+
+    def changed(old, new):
+        found = changed_functions(was, compile(text.replace(old, new), "law.py", "exec"))
+        return None if found is None else [code.co_qualname for code in found]
+
+    assert changed("-x", "x") == ["Law.force"] and changed("\n\n\n", "\n\n\n\n") == []
+    assert changed("= 1.0", "= 2.0") is None and changed("= 2.0", "= 3.0") is None
 
 
 def test_a_fault_is_killed_by_a_test_that_notices_and_survives_one_that_does_not(tmp_path):
