@@ -11,10 +11,12 @@ import pytest
 import scipy.sparse as sp
 
 import packmech as pm
+from packmech.jamming import certificates
 from packmech.jamming.certificates import (
     BALANCE,
     NET_FORCES,
     ROUNDING,
+    Finding,
     borne,
     certify,
     closes_nothing,
@@ -319,3 +321,13 @@ def test_what_shutting_leaves_of_a_motion_is_none_where_it_is_rounding(monkeypat
     # a translation of rounding size changes no contact
     monkeypatch.setattr(MotionCone, "shutting", lambda self, motion, shut: iter([np.full(4, 1e-16)]))
     assert kept_open(cone, up, opening=False) is None
+
+
+@pytest.mark.parametrize(("certified", "expected"), [(True, None), (None, None), (False, False)])
+def test_a_motion_that_closes_hardly_unjams_only_where_the_certificate_says_so(
+    monkeypatch, floppy, certified, expected
+):
+    cone, motion = floppy
+    monkeypatch.setattr(certificates, "closes_hardly", lambda *given: True)
+    monkeypatch.setattr(certificates, "certify", lambda *given, **named: Finding(certified, "as it is told"))
+    assert yield_to_loads(cone, Drawn(motion)).jammed is expected

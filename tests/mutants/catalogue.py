@@ -65,7 +65,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/jamming/classify.py": (*_SELECTED, *_LINKED),
     "packmech/jamming/verdict.py": (*_tests("jamming", "verdict gap_sensitivity jamming"), *_LINKED),
     "packmech/jamming/room.py": _tests("protocols", "following"),
-    "packmech/jamming/shaped.py": _tests("jamming", "shaped_verdict"),
+    "packmech/jamming/shaped.py": _tests("jamming", "shaped_answers shaped_verdict"),
     "packmech/mechanics/stability.py": _tests("mechanics", "stability sticking_stability"),
     "packmech/mechanics/elasticity.py": _tests(
         "mechanics", "elasticity elastic_crystals link_moduli frictional exact_hessian rattling"
