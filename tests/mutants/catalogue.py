@@ -56,7 +56,11 @@ _LINKED = _tests("jamming", "link_jamming")
 # tests that should notice faults of a file
 TESTS: dict[str, tuple[str, ...]] = {
     "packmech/jamming/certificates.py": (*_VERDICT, *_tests("jamming", "naive_methods ambiguous jamming")),
-    "packmech/jamming/motion_cone.py": (*_tests("jamming", "programs"), *_VERDICT, *_tests("jamming", "jamming_soft")),
+    "packmech/jamming/motion_cone.py": (
+        *_tests("jamming", "guards programs"),
+        *_VERDICT[1:],
+        *_tests("jamming", "jamming_soft link_jamming"),
+    ),
     "packmech/jamming/programs.py": (*_tests("jamming", "load_gap programs gap_sensitivity"), *_VERDICT),
     "packmech/jamming/backbone.py": _tests(
         "jamming", "verdict_softness verdict_assumptions verdict gap_sensitivity jamming"
