@@ -6,9 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import packmech as pm
 from packmech.jamming import shaped
 from packmech.jamming.contact_selection import RestCheck
-from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED
+from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer
 
 PUSH, PULL = [1.0, 2.0, 3.0], [1.0, -2.0, 3.0]
 # orthonormal states: their first part pushes, their second alone does not
@@ -105,3 +106,14 @@ class Row(list):
 def test_contacts_that_bear_less_than_a_millionth_of_the_mean_are_none_where_any_bears(monkeypatch, force, kept):
     monkeypatch.setattr(shaped, "contact_terms", lambda *given: SimpleNamespace(first_c=-np.array(force)))
     assert list(shaped._carrying(Some(Row([0, 1, 2])), SimpleNamespace(effects=())).contacts) == kept
+
+
+@pytest.mark.parametrize(
+    ("collective", "strict", "expected"), [(AMBIGUOUS, JAMMED, JAMMED), (AMBIGUOUS, NOT_JAMMED, AMBIGUOUS)]
+)
+def test_strictly_jammed_bodies_are_collectively_so(monkeypatch, collective, strict, expected):
+    told = {"none": JammingAnswer(collective, "", None, 0, 0, 0), "isochoric": JammingAnswer(strict, "", None, 0, 0, 0)}
+    monkeypatch.setattr(shaped, "_answer", lambda scene, network, kind, rest, gap_tolerance: told[kind])
+    packing = pm.random_packing(4, dimension=2, packing_fraction=0.3, seed=0, shapes=pm.Ellipses(1.5))
+    verdict = pm.classify_jamming(packing)
+    assert (verdict.collective, verdict.strict) == (expected, strict)

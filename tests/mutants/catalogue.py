@@ -63,7 +63,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     ),
     "packmech/jamming/programs.py": (*_tests("jamming", "load_gap programs gap_sensitivity"), *_VERDICT),
     "packmech/jamming/backbone.py": _tests(
-        "jamming", "verdict_softness verdict_assumptions verdict gap_sensitivity jamming"
+        "jamming", "backbone verdict_softness verdict_assumptions verdict gap_sensitivity jamming"
     ),
     "packmech/jamming/contact_selection.py": _SELECTED,
     "packmech/jamming/classify.py": (*_SELECTED, *_LINKED),
