@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from hard_cases.jamming import three_in_a_hole
 
 import packmech as pm
+from packmech.contacts.elements import distance_rows
 from packmech.linalg import linear_programs
 from packmech.measure import rattlers
 from packmech.result import Outcome, Solve
@@ -124,3 +126,47 @@ def test_forces_of_any_law_show_the_backbone_without_a_solver(rest_scene, monkey
     held, _ = pm.remove_rattlers(packing)
     monkeypatch.setattr(rattlers, "SOLVE", {})
     assert not pm.find_rattling_clusters(held).rattling_n.any()
+
+
+@pytest.mark.parametrize(
+    ("outcome", "part", "told"),
+    [(Outcome.CONVERGED, 1.0, True), (Outcome.INACCURATE, 1.0, False), (Outcome.CONVERGED, 0.45, False)],
+)
+def test_a_program_tells_which_contacts_push_only_if_it_was_solved_and_by_none_or_all(monkeypatch, outcome, part, told):
+    crystal = pm.lattice_packing("triangular", repeats=(2, 2))
+    rows = distance_rows(pm.find_contacts(crystal, gap_tolerance=1e-9))
+
+    def solve(program, tolerance):
+        found = np.full(len(program.cost), part)
+        state = Solve(outcome, 0.0, status="as it is told")
+        return linear_programs.Solution(found, np.zeros(program.equal.shape[0]), np.zeros(0), 0.0, state)
+
+    monkeypatch.setattr(rattlers, "SOLVE", {"clarabel": solve, "highs": solve})
+    none = sp.csr_array((0, rows.shape[1]))
+    if told:
+        assert rattlers._pushing(rows, none).all()
+    else:
+        with pytest.raises(np.linalg.LinAlgError, match="as it is told; as it is told"):
+            rattlers._pushing(rows, none)
+
+
+def test_a_balance_shows_a_backbone_only_if_it_balances_and_pushes_everywhere():
+    crystal = pm.lattice_packing("triangular", repeats=(2, 2))
+    contact = distance_rows(pm.find_contacts(crystal, gap_tolerance=1e-9))
+    none, force = sp.csr_array((0, contact.shape[1])), np.ones(contact.shape[0])
+    assert rattlers._balance_nearby(rattlers._LinkedRows(contact, none), force)
+    # one contact would open where the others close: forces balance if it pulls
+    sign = np.ones(len(force))
+    sign[3] = -1.0
+    turned = sp.csr_array(sp.diags_array(sign) @ contact)
+    assert not rattlers._balance_nearby(rattlers._LinkedRows(turned, none), force + 3.0 * sign)
+    # one contact alone balances nothing, by however little it pushes
+    alone = rattlers._LinkedRows(sp.csr_array(contact[[0]]), none)
+    assert not rattlers._balance_nearby(alone, np.ones(1))
+
+
+def test_particles_that_nothing_holds_together_are_no_group():
+    crystal = pm.lattice_packing("triangular", repeats=(3, 3))
+    contacts = pm.find_contacts(crystal, gap_tolerance=1e-9)
+    assert not rattlers.moving_apart(crystal, contacts).any()
+    assert rattlers.moving_apart(crystal, contacts.select(np.arange(1))).all()
