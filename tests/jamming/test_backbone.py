@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hard_cases.jamming import three_in_a_hole
 
 import packmech as pm
 from packmech.jamming import backbone as module
@@ -87,3 +88,12 @@ def test_a_program_that_failed_names_no_contacts_that_carry(monkeypatch):
     assert len(told(Outcome.CONVERGED)) == 0
     # all may carry then, and hold one another: no smaller part is known
     assert told(Outcome.INACCURATE) is None
+
+
+def test_contacts_that_carry_among_discs_that_turn_together_are_left_out():
+    packing = three_in_a_hole()
+    network, kept = backbone_of(packing, pm.find_contacts(packing))
+    cone = motion_cone(packing, network, strain="none", kept_n=kept)
+    found = carrying_contacts(packing, cone, network, "clarabel", 1e-8)
+    ends = np.union1d(found.i_c, found.j_c)
+    assert len(found) and not np.isin([35, 36, 37], ends).any() and np.isin([35, 36, 37], kept).all()
