@@ -15,7 +15,7 @@ from packmech.files.modules import load_modules
 from packmech.files.paths import replacing, writable_file
 from packmech.files.records import to_table, value_of_text
 from packmech.scenes.reference import commented_scene
-from packmech.validation.cheapest import CheapestSettings
+from packmech.validation.cheapest import CheapestSettings, plain
 from packmech.validation.knobs import label
 from packmech.validation.settings import search_settings, starts_of
 from packmech.validation.targets import read_targets
@@ -99,7 +99,8 @@ def accuracy(
         found.save_figure(figure)
         show(f"figure: {figure}")
     if not found.met:
-        show(f"packmech: no settings meet the target: {found.why_not}", error=True)
+        unwritten = "" if out is None else f"; {out} is not written"
+        show(f"packmech: no settings meet the target: {found.why_not}{unwritten}", error=True)
         return FAILED
     if out is not None:
         with replacing(out) as partial:
@@ -121,6 +122,7 @@ def _say(scene: str, found: CheapestSettings) -> None:
     headings, rows = found.table()
     what = ", ".join(map(str, found.targets))
     starts = f"{found.starts} starts" if found.starts > 1 else "one start"
+    starts += f" and {found.starts} to confirm" if found.met and found.starts > 1 else ""
     title = f"{scene}: settings for {what}; {starts}, {found.seconds:.3g} s"
     show(table(title, headings, rows, right=range(len(found.changes), len(headings) - 2)))
     measured = ", ".join(f"{path} = {label(value)}" for path, value in found.reference.items())
@@ -132,9 +134,9 @@ def _say(scene: str, found: CheapestSettings) -> None:
 def _with_settings(tables: dict[str, Any], found: CheapestSettings) -> dict[str, Any]:
     """Return the tables of a scene whose drive has the settings that were found."""
     drive = found.scene.drive
-    now = to_table(drive)
+    now = to_table(drive) | {path.removeprefix("drive."): plain(value) for path, value in found.changes.items()}
     before = tables["drive"]
     named = [path.removeprefix("drive.") for path in found.changes]
     # a drive that said how many steps of which length says for how long now
-    kept = [name for name in (*before, *named, "duration") if name in now and name != "kind"]
+    kept = [name for name in (*before, *named, "duration") if now.get(name) is not None and name != "kind"]
     return {**tables, "drive": {"kind": before["kind"], **{name: now[name] for name in dict.fromkeys(kept)}}}

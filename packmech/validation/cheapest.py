@@ -84,7 +84,7 @@ class CheapestSettings:
     reference
         The settings of the runs that errors are measured from.
     starts
-        How many starts were tried.
+        How many starts were tried; what was chosen, with as many others.
     seconds
         CPU time of the search [s].
 
@@ -141,7 +141,11 @@ class CheapestSettings:
 
     @property
     def _headings(self) -> list[str]:
-        of_figure = [f"{what} {target.figure}" for target in self.targets for what in ("error of", "share within of")]
+        of_figure = [
+            f"{what} {target.figure}"
+            for target in self.targets
+            for what in ("rms error of", "share expected within, of")
+        ]
         return [*self.changes, *of_figure, "CPU s", "repeats", "meets", "failed"]
 
     def to_csv(self) -> str:
@@ -156,7 +160,7 @@ class CheapestSettings:
         rows = []
         for one, figures in self._rows():
             numbers = [f"{value:.2g}" for value in figures]
-            repeats = str(one.repeats or "none")
+            repeats = str(one.repeats or "")
             rows.append((*one.labels, *numbers, f"{one.seconds:.2g}", repeats, "yes" if one.meets else "", one.failed))
         return self._headings, rows
 
@@ -184,10 +188,12 @@ def _draw(axes: Any, target: Target, found: CheapestSettings) -> None:
     for one in found.trials:
         if 0.0 < one.error(target.figure) < math.inf:
             lines.setdefault(one.labels[1:], []).append(one)
+    names = [path.rpartition(".")[2].replace("_", " ") for path in found.changes][1:]
     for index, (kept, trials) in enumerate(lines.items()):
+        label = ", ".join(f"{name} {value}" for name, value in zip(names, kept, strict=True)) or None
         color = COLORS[index % len(COLORS)]
         seconds, errors = [one.cost for one in trials], [one.error(target.figure) for one in trials]
-        axes.plot(seconds, errors, color=color, lw=1.0, label=", ".join(kept) or None)
+        axes.plot(seconds, errors, color=color, lw=1.0, label=label)
         for x, y, one in zip(seconds, errors, trials, strict=True):
             axes.plot(x, y, MARKERS[0], color=color, mfc=color if one.meets else "white", ms=6)
     axes.axhline(target.error, color="0.5", lw=0.8, ls="--")
@@ -198,5 +204,8 @@ def _draw(axes: Any, target: Target, found: CheapestSettings) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return the value of a setting as a scene file has it."""
-    return to_table(value) if is_record(value) else value
+    """Return the value of a setting as a scene file has it: of a record its kind, and what is not as usual."""
+    if not is_record(value):
+        return value
+    usual = to_table(type(value)())
+    return {name: one for name, one in to_table(value).items() if name == "kind" or usual.get(name) != one}

@@ -38,6 +38,8 @@ _HELPS, _TRIED = 0.8, 3
 _FEW, _FAR = 3, 3.0
 # references may fail so many times in a row, with finer settings each time
 _UNSOUND = 2
+# figures that are no answers
+_COSTS = ("seconds", "build_seconds", "verdict_seconds", "steps", "force_evaluations")
 # repeats beyond these are no answer
 _MOST_REPEATS = 1_000_000
 
@@ -171,7 +173,7 @@ class _Search:
         half = (len(starts) + 1) // 2
         self.starts, self.further = range(half), range(half, len(starts))
         if mean and half < 2:
-            raise ValueError("mean must be False for a scene with one start, got True")
+            raise ValueError("mean must be False for a scene with one start, got True: give the file of a random one")
         self.targets, self.mean, self.time_limit = targets, mean, time_limit
         self.knobs = usual_knobs(first) if knobs is None else given_knobs(first, knobs)
         if not self.knobs:
@@ -187,7 +189,7 @@ class _Search:
         """Return the cheapest settings that meet the target."""
         self.say, self.compiling = say, compiling
         trials: dict[tuple[int, ...], SettingTrial] = {}
-        why_not = ""
+        before, why_not = trials, ""
         try:
             while True:
                 best = self._cheapest(trials)
@@ -197,13 +199,13 @@ class _Search:
                 if isinstance(finer, str):
                     why_not = finer
                     break
-                self.caps, trials = finer, {}
+                self.caps, before, trials = finer, trials, {}
         except _TimeUpError:
             best, why_not = None, f"the time limit of {self.time_limit:g} s ran out"
         except KeyboardInterrupt as stop:
-            stop.found = self._result(None, trials, "interrupted")  # type: ignore[attr-defined]
+            stop.found = self._result(None, trials or before, "interrupted")  # type: ignore[attr-defined]
             raise
-        return self._result(best, trials, why_not)
+        return self._result(best, trials or before, why_not)
 
     def _result(
         self, best: tuple[int, ...] | None, trials: Mapping[tuple[int, ...], SettingTrial], why_not: str
@@ -222,7 +224,7 @@ class _Search:
             targets=self.targets,
             trials=tuple(trials.values()),
             reference=self._changes(self._reference),
-            starts=len(self.scenes),
+            starts=len(self.starts),
             seconds=time.process_time() - self.began,
         )
 
@@ -310,7 +312,10 @@ class _Search:
         else:
             helpful = [k for k in rising if here <= 1.0 or self._helps(k, corner, trials)]
         if not helpful:
-            return f"finer settings no longer help: errors stay at {here:.2g} of the target"
+            return (
+                f"finer settings no longer help, errors stay at {here:.2g} times the target: where motion is chaotic, "
+                "ask for the mean over starts"
+            )
         return tuple(cap + (k in helpful) for k, cap in enumerate(self.caps))
 
     def _helps(self, k: int, corner: tuple[int, ...], trials: Mapping[tuple[int, ...], SettingTrial]) -> bool:
@@ -432,10 +437,14 @@ class _Search:
         found = {}
         for one in self.targets:
             if one.figure not in named:
-                known = [name for name, value in named.items() if _is_number(value)]
+                known = [name for name, value in named.items() if _is_number(value) and name not in _COSTS]
                 raise _UnknownFigureError(
                     f"target must name figures of the run, one of {', '.join(known)}, got "
                     f"{brief(one.figure)}{did_you_mean(one.figure, known)}"
+                )
+            if one.figure in _COSTS:
+                raise _UnknownFigureError(
+                    f"target must name what a run finds, got {one.figure!r}, which is what it costs"
                 )
             if not _is_number(named[one.figure]):
                 raise _UnknownFigureError(
@@ -473,7 +482,7 @@ def share_within(errors: Sequence[float], bound: float) -> float:
     >>> share_within([0.01], 0.02), share_within([0.03], 0.02)
     (1.0, 0.0)
     >>> round(share_within([0.0, 1.0, -1.0, 0.5, -0.5], 2.5), 3)
-    0.954
+    0.955
 
     """
     seen = np.array(errors)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import brief, instance, real
+from packmech.check import brief, instance, positive
 
 # what figures are also called
 _ALSO = {
@@ -45,7 +45,7 @@ class Target:
         return off / scale if scale > 0.0 else math.inf
 
     def __str__(self) -> str:
-        return f"{self.figure} {self.error:g}{'' if self.absolute else ' of it'}"
+        return f"{self.figure} to {self.error:g}" if self.absolute else f"{self.figure} to {100.0 * self.error:g} %"
 
 
 def read_targets(target: Any) -> tuple[Target, ...]:
@@ -54,13 +54,13 @@ def read_targets(target: Any) -> tuple[Target, ...]:
     Examples
     --------
     >>> [str(one) for one in read_targets("G_prime:1%, contacts: 2 absolute")]
-    ['storage_modulus 0.01 of it', 'contacts 2']
+    ['storage_modulus to 1 %', 'contacts to 2']
     >>> [str(one) for one in read_targets({"pressure": 1e-3})]
-    ['pressure 0.001 of it']
+    ['pressure to 0.1 %']
 
     """
     if isinstance(target, Mapping):
-        found = [Target(_figure(name), real(f"target[{name!r}]", each, at_least=0.0)) for name, each in target.items()]
+        found = [Target(_figure(name), positive(f"target[{name!r}]", each)) for name, each in target.items()]
     else:
         texts = [target] if isinstance(target, str) else target
         if not isinstance(texts, Sequence):
@@ -87,7 +87,7 @@ def _figure(name: Any) -> str:
 def _target_of(text: Any) -> Target:
     instance("target", text, str)
     name, given, value = text.partition(":")
-    words = value.split()
+    words = value.replace(" %", "%").split()
     absolute = words[1:] == ["absolute"]
     number = words[0] if words and (absolute or len(words) == 1) else ""
     try:
@@ -98,5 +98,9 @@ def _target_of(text: Any) -> Target:
         raise ValueError(
             f'target must be FIGURE:ERROR, as in "storage_modulus:1%", "pressure:1e-3" or "contacts:0 absolute", '
             f"got {brief(text)}"
+        )
+    if error == 0.0 and not absolute:
+        raise ValueError(
+            f'target must be an error above zero, unless it is absolute ("contacts:0 absolute"), got {brief(text)}'
         )
     return Target(_figure(name), error, absolute)

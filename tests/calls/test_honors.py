@@ -17,6 +17,7 @@ for _name in dir(pm):
 # public calls of a scene or a packing that change and measure nothing: they write, read or draw what they are given
 NO_MECHANICS = {
     "write_scene", "write_packing", "write_table", "record_packing", "record_run", "write_pictures", "run",
+    "settings_for",
     "to_ase", "to_freud", "to_hoomd", "snapshots",
 }  # fmt: skip
 

@@ -133,7 +133,7 @@ def test_the_chosen_settings_are_the_cheapest_that_meet_and_hold_for_other_start
     assert found.met
     chosen = next(one for one in found.trials if one.changes == found.changes)
     assert all(one.cost >= chosen.cost for one in found.trials if one.meets)
-    assert len(chosen.errors["pressure"]) == found.starts == 10
+    assert len(chosen.errors["pressure"]) == 2 * found.starts == 10
     for seed in range(100, 105):
         scene = pm.read_scene(path, seed=seed)
         ran, tight = (
@@ -205,10 +205,17 @@ def test_steps_of_time_keep_the_duration(crystal):
 
 
 def test_targets_are_read_in_all_forms():
-    assert read_targets(["phi_J:1e-6 absolute", "G_prime: 2%"]) == (
+    assert read_targets(["phi_J:1e-6 absolute", "G_prime: 2 %"]) == (
         Target("jamming_packing_fraction", 1e-6, True),
         Target("storage_modulus", 0.02),
     )
+
+
+def test_errors_of_nothing_and_figures_of_costs_are_refused(crystal):
+    with pytest.raises(ValueError, match="must be an error above zero"):
+        read_targets("pressure:0")
+    with pytest.raises(TypeError, match="got 'steps', which is what it costs"):
+        pm.settings_for(crystal.replace(drive=pm.QuenchDrive()), "steps:1%")
 
 
 @pytest.mark.parametrize("text", ["pressure", ":1%", "pressure:x", "pressure:-1%", "pressure:1% absolute", "a:1 b", ""])
@@ -244,7 +251,7 @@ def test_a_scene_without_a_drive_is_refused(crystal):
 def test_what_was_tried_is_a_table_a_file_and_a_picture(tmp_path, decay, crystal):
     found = pm.settings_for(crystal.replace(drive=decay()), "left:2%")
     assert found.to_markdown().count("\n") == len(found.trials) + 2
-    assert found.to_csv().splitlines()[0].startswith("drive.dt,error of left")
+    assert found.to_csv().splitlines()[0].startswith("drive.dt,rms error of left")
     found.save_figure(tmp_path / "found.png")
     assert (tmp_path / "found.png").stat().st_size > 5000
     assert found.to_dict()["settings"] == dict(found.changes)
