@@ -148,8 +148,10 @@ def _remove_forgotten(whole: Path) -> None:
             ours = entry.name.startswith(f".{whole.stem}.") and entry.name.endswith(whole.suffix)
             if not ours or len(entry.name) != length:
                 continue
-            with suppress(OSError), open(entry.path, "rb") as file:
+            # another thread may have put its own in place by now
+            with suppress(OSError):
                 if time.time() - entry.stat().st_mtime < _FORGOTTEN:
                     continue
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                os.unlink(entry.path)
+                with open(entry.path, "rb") as file:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    os.unlink(entry.path)
