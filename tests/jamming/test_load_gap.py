@@ -1,15 +1,18 @@
 """Facts about the answers of the load programs: the projection that gives them, and the multipliers that prove them."""
 
 import pathlib
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.jamming import programs
 from packmech.jamming.certificates import EARLY, borne, turned_round, yield_to_loads
 from packmech.jamming.contact_selection import backbone_contacts
 from packmech.jamming.motion_cone import motion_cone
-from packmech.jamming.programs import load_gap, yield_to_load
+from packmech.jamming.programs import largest_smallest_force, load_gap, open_all, yield_to_load
 from packmech.linalg import linear_programs
 from packmech.result import Outcome, Solve
 
@@ -184,3 +187,42 @@ def test_jammed_packing_asks_the_solver_once_for_both_loads(monkeypatch, name):
     monkeypatch.setitem(linear_programs.SOLVE, "clarabel", counting)
     finding = yield_to_loads(cone_of(name), np.random.default_rng(0))
     assert finding.jammed is True and asked == [EARLY] and finding.longest < 1e-9
+
+
+@pytest.mark.parametrize("bound", ["ball", "box"])
+def test_weights_that_bear_a_load_leave_no_gap_though_held_rows_pull_and_the_load_pushes_all(bound):
+    cone = cone_of("2d-32-shape-free-2", strain="isochoric")
+    weight = np.append(np.ones(cone.opening.shape[0]), -3.0)
+    load = cone.rows.T @ weight
+    still = np.zeros(cone.unknowns)
+    assert cone.held.shape[0] == 1 and load_gap(cone, load, still, weight, bound) < 1e-12
+    everywhere = np.zeros(cone.unknowns)
+    everywhere[: 2 * len(cone.kept_n)] = 1.0
+    assert load_gap(cone, load + everywhere, still, weight, bound) < 1e-12
+    # a contact that pulls bears nothing
+    weight[0] = -1.0
+    assert load_gap(cone, cone.rows.T @ weight, still, weight, bound) > 0.1
+
+
+@pytest.mark.parametrize(("outcome", "smallest"), [(Outcome.INFEASIBLE, -np.inf), (Outcome.INACCURATE, np.nan)])
+def test_programs_that_were_not_solved_have_no_forces_and_no_motion(monkeypatch, outcome, smallest):
+    cone, solve = cone_of("2d-32-shape-free-2"), linear_programs.solve_clarabel
+
+    def doubt(program, tolerance):
+        found = solve(program, tolerance)
+        return replace(found, solve=replace(found.solve, outcome=outcome))
+
+    monkeypatch.setitem(linear_programs.SOLVE, "clarabel", doubt)
+    force, opened = largest_smallest_force(cone), open_all(cone)
+    assert np.array_equal(force.smallest, smallest, equal_nan=True) and not force.weight.any()
+    assert not opened.carrying_c.any() and not opened.weight.any() and not opened.motion.any()
+
+
+@pytest.mark.parametrize(
+    ("status", "outcome"),
+    [("optimal", Outcome.CONVERGED), ("infeasible", Outcome.INFEASIBLE), ("user_limit", Outcome.INACCURATE)],
+)
+def test_a_status_that_is_not_known_is_no_success(status, outcome):
+    stats = SimpleNamespace(num_iters=3)
+    problem = SimpleNamespace(solve=lambda **named: None, status=status, solver_stats=stats, constraints=[])
+    assert programs._solved(problem, 1e-8).outcome is outcome

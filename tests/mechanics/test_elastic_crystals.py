@@ -175,3 +175,11 @@ def test_a_single_particle_touching_its_images_has_moduli():
     moduli = pm.elastic_moduli(crystal("fcc", (1, 1, 1)))
     assert (moduli.particles, moduli.contacts) == (1, 6)
     assert abs(moduli.bulk_modulus - 2 * 2**0.5 / 3) < 1e-10
+
+
+def test_eigenvalues_within_1e_10_of_the_largest_are_zero_modes_and_not_unstable_ones():
+    modes = pm.normal_modes(crystal("triangular", (3, 3), 0.01))
+    assert modes.negative == 0 and modes.complete
+    told = replace(modes, eigenvalue_m=np.array([-2e-10, -5e-11, 5e-11, 2e-10, 1.0]) * modes.largest)
+    assert told.zero_m.tolist() == [False, True, True, False, False] and told.negative == 1
+    assert not told.complete

@@ -734,6 +734,7 @@ CATALOGUE: list[Fault] = [
             "forces that pull show a backbone",
             "return bool(push.min() > _LOADED * push.mean() > 0.0 and balance",
             "return bool(push.mean() > 0.0 and balance",
+            "what is unbalanced is compared with the smallest push, which a pull makes negative",
         ),
         (
             "a solution that tells nothing tells",
