@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import packmech as pm
 from packmech.mechanics import elasticity
+from packmech.mechanics.linked_systems import FreeOperator
+from packmech.mechanics.modes import _missed
 
 ROOT = 3**0.5
 
@@ -183,3 +186,9 @@ def test_eigenvalues_within_1e_10_of_the_largest_are_zero_modes_and_not_unstable
     told = replace(modes, eigenvalue_m=np.array([-2e-10, -5e-11, 5e-11, 2e-10, 1.0]) * modes.largest)
     assert told.zero_m.tolist() == [False, True, True, False, False] and told.negative == 1
     assert not told.complete
+
+
+@pytest.mark.parametrize(("found", "missed"), [([1.0, 2.0, 3.0, 4.0], 0), ([1.0, 3.0, 4.0], 1), ([3.0, 4.0], 2)])
+def test_eigenvalues_that_a_search_overlooked_are_counted_by_inertia(found, missed):
+    operator = FreeOperator(sp.csr_array(sp.diags_array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])))
+    assert _missed(operator, np.array(found), 5.0, 1) == missed
