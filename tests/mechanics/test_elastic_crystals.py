@@ -192,3 +192,15 @@ def test_eigenvalues_within_1e_10_of_the_largest_are_zero_modes_and_not_unstable
 def test_eigenvalues_that_a_search_overlooked_are_counted_by_inertia(found, missed):
     operator = FreeOperator(sp.csr_array(sp.diags_array([0.0, 1.0, 2.0, 3.0, 4.0, 5.0])))
     assert _missed(operator, np.array(found), 5.0, 1) == missed
+
+
+def test_modes_warn_of_what_counts_as_rattlers_only_because_nothing_balances():
+    pair = pm.Packing([[1.0, 1.0], [1.9, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    with pytest.warns(UserWarning, match="2 of 2 particles count as rattlers by contacts that do not balance"):
+        assert len(pm.normal_modes(pm.Scene(pair, (pm.Repulsion(),)))) == 0
+
+
+@pytest.mark.parametrize("repeats", [2, 3, 5])
+def test_all_floppy_modes_of_a_crystal_count_as_states_from_an_edge_at_zero_on(repeats):
+    states = pm.density_of_states(crystal("square", (repeats, repeats)), [0.0, 10.0])
+    assert states.count_b.tolist() == [2 * repeats**2 - 2]
