@@ -204,7 +204,7 @@ def main() -> int:
                 rows[one.key] = row_of(one, EQUIVALENT, by=one.equivalent)
                 continue
             if time.perf_counter() - began > 60.0 * asked.minutes:
-                break
+                continue
             found, by, seconds = outcome(here, one, asked.seconds, warm)
             survived += found == SURVIVED
             rows[one.key] = row_of(one, found, seconds, by)
