@@ -13,7 +13,7 @@ from packmech.cli.changes import UNCHANGED, Changes
 from packmech.cli.output import SCENE, WHOLE, Files, Json, Load, Seed, Switch, show, table, working
 from packmech.files.modules import load_modules
 from packmech.files.paths import replacing, writable_file
-from packmech.files.records import to_table, value_of_text
+from packmech.files.records import split_values, to_table, value_of_text
 from packmech.scenes.reference import commented_scene
 from packmech.validation.cheapest import CheapestSettings, plain
 from packmech.validation.knobs import label
@@ -66,7 +66,10 @@ def accuracy(
     """
     load_modules(load)
     targets = read_targets(target)
-    knobs = dict(map(_values, knob)) or None
+    given = [_values(one) for one in knob]
+    knobs = dict(given) or None
+    if len(given) > len(dict(given)):
+        raise ValueError(f"knob must name each field once, got {', '.join(path for path, _ in given)}")
     files = Files(json=json)
     for name, path in (("out", out), ("csv", csv), ("figure", figure)):
         if path is not None:
@@ -75,13 +78,11 @@ def accuracy(
         needed = "end in .toml" if out.suffix != ".toml" else "not exist (or give --overwrite)"
         raise ValueError(f"out must {needed}, got {str(out)!r}")
     tables, folder = changes.tables(scene, seed=None)
-    first = 0 if seed is None else seed
-    count = integer("starts", starts, at_least=1)
-    draws = starts_of(tables, folder, scene, count, first)
+    drawn = starts_of(tables, folder, scene, integer("starts", starts, at_least=1), seed)
     with working(f"{scene}: settings for {', '.join(map(str, targets))}") as say:
         try:
             found = search_settings(
-                draws, targets, knobs, mean=mean, time_limit=time_limit, say=lambda stage, _: say(stage)
+                drawn, targets, knobs, mean=mean, time_limit=time_limit, say=lambda stage, _: say(stage)
             )
         except KeyboardInterrupt as stop:
             tried: CheapestSettings | None = getattr(stop, "found", None)
@@ -114,7 +115,7 @@ def _values(text: str) -> tuple[str, list[Any]]:
     path, given, values = text.partition("=")
     if not given or not path.strip():
         raise ValueError(f"knob must be PATH=VALUES, such as drive.dt=0.1,0.05,0.0125, got {brief(text)}")
-    return path.strip(), [value_of_text(value.strip()) for value in values.split(",")]
+    return path.strip(), [value_of_text(value.strip()) for value in split_values(values)]
 
 
 def _say(scene: str, found: CheapestSettings) -> None:

@@ -23,6 +23,7 @@ from packmech.check import brief, did_you_mean, instance, listed, one_of
 from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, MemberOutcome
 from packmech.ensemble.function_text import file_key, first_text_key, own_text_key, text_key
 from packmech.ensemble.members import Member
+from packmech.files.archive import SEAL
 from packmech.files.modules import load_modules
 from packmech.files.paths import PathLike
 from packmech.jit.source_key import function_key
@@ -42,7 +43,7 @@ SEEDING = ("parameters", "seed")
 _COSTS = ("seconds", "build_seconds", "verdict_seconds")
 _SCALAR = bool | int | float | str | np.generic
 # names of a member's files that no result may take
-_TAKEN = {Path(name).stem for name in (STATE_POINT, RESULT, FAILURE, CHECKPOINT, ARRAYS)}
+_TAKEN = {Path(name).stem for name in (STATE_POINT, RESULT, FAILURE, CHECKPOINT, ARRAYS)} | {SEAL, "file"}
 
 
 def job_table(
@@ -254,11 +255,12 @@ def check_trusted(table: Mapping[str, Any], trust: bool) -> None:
         Naming the functions and the files, unless they are to be trusted.
 
     """
-    functions = [one for one in (table.get("function"), *(table["measures"] or ())) if isinstance(one, Mapping)]
+    measures = [one for one in table["measures"] or () if isinstance(one, Mapping)]
+    # packmech's own measures are given packings alone; any other call of its takes what the folder says
+    functions = [one for one in measures if one["root"] or str(one["module"]).partition(".")[0] != packmech.__name__]
+    functions += [one for one in [table.get("function")] if isinstance(one, Mapping)]
     named = [
-        f"{one['name']} of {one['root'] or 'module'}{'/' if one['root'] else ' '}{one['module']}"
-        for one in functions
-        if str(one["module"]).partition(".")[0] != packmech.__name__
+        f"{one['name']} of {one['root'] or 'module'}{'/' if one['root'] else ' '}{one['module']}" for one in functions
     ]
     named += [str(one) for one in table["load"]]
     if named and not trust:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
 import time
 import uuid
@@ -42,8 +43,7 @@ def file_name(argument: str, path: Any, what: str = "a file name") -> Path:
     if b"\0" in encoded:
         raise ValueError(f"{argument} must be {what} without zero bytes and halves of letters, got {brief(text)}")
     longest = max(len(part) for part in encoded.split(b"/"))
-    # room for what is written beside it first
-    if longest > _LONGEST_NAME - len(_beside("")) or len(encoded) > _LONGEST_PATH - len(_beside("")):
+    if longest > _LONGEST_NAME or len(encoded) > _LONGEST_PATH:
         raise ValueError(f"{argument} must be {what} of fewer letters, got {brief(text)} of {len(text)}")
     return Path(text)
 
@@ -142,11 +142,10 @@ def _behind_links(target: Path) -> Path:
 
 def _remove_forgotten(whole: Path) -> None:
     """Remove half-written files of a target that nobody writes any more."""
-    length = len(_beside(whole.name))
+    ours = re.compile(rf"\.{re.escape(whole.stem)}\.[0-9a-f]{{32}}{re.escape(whole.suffix)}")
     with suppress(OSError), os.scandir(whole.parent) as entries:
         for entry in entries:
-            ours = entry.name.startswith(f".{whole.stem}.") and entry.name.endswith(whole.suffix)
-            if not ours or len(entry.name) != length:
+            if not ours.fullmatch(entry.name):
                 continue
             # another thread may have put its own in place by now
             with suppress(OSError):

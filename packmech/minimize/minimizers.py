@@ -80,7 +80,7 @@ def registered_minimizers() -> tuple[type, ...]:
 
 
 def checked_minimizer(method: Any) -> Any:
-    """Return the minimizer with its numbers as plain floats and ints, for which compiled loops exist.
+    """Return the minimizer with numbers that are floats as usual as floats, for which compiled loops exist.
 
     Raises
     ------
@@ -94,5 +94,5 @@ def checked_minimizer(method: Any) -> Any:
     if hasattr(method, "check"):
         method.check()
     usual = getattr(method, "_field_defaults", {})
-    plain = {name: type(value)(getattr(method, name)) for name, value in usual.items() if type(value) in (int, float)}
+    plain = {name: float(getattr(method, name)) for name, value in usual.items() if type(value) is float}
     return method._replace(**plain) if plain else method

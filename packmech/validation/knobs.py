@@ -118,6 +118,8 @@ def usual_knobs(scene: Scene) -> tuple[Knob, ...]:
 def given_knobs(scene: Scene, knobs: Mapping[str, Sequence[Any]]) -> tuple[Knob, ...]:
     """Return the settings that were given by path, each from coarse to fine; the last of each is the reference."""
     table("knobs", knobs)
+    if not knobs:
+        raise ValueError("knobs must name a field of the drive at least, got none")
     names = [f"drive.{field.name}" for field in fields(scene.drive)]
     found = []
     for path, values in knobs.items():

@@ -5,11 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
@@ -17,7 +16,7 @@ from scipy.stats import t as student
 from packmech.calls.status import Progress, check_progress, shows
 from packmech.check import brief, clear_errors, did_you_mean, instance, integer, positive
 from packmech.files.paths import PathLike
-from packmech.jit.compiled import compile_clock
+from packmech.jit.compiled import working_time
 from packmech.result import Run
 from packmech.scene import Scene, scene_after
 from packmech.scenes import run as run_drive
@@ -51,7 +50,7 @@ def settings_for(
     *,
     knobs: Mapping[str, Sequence[Any]] | None = None,
     starts: int = 10,
-    seed: int = 0,
+    seed: int | None = None,
     mean: bool = False,
     time_limit: float | None = None,
     progress: Progress = None,
@@ -80,7 +79,7 @@ def settings_for(
     starts
         How many starts to try; what is chosen is confirmed with as many others. One: as for a scene itself.
     seed
-        Of the first start; the others follow.
+        Of the first start, 0 unless given; the others follow.
     mean
         Whether the figures are means over starts: how many of them the mean takes to be within the target in 19 of 20
         cases is then one of the settings, and the error is that of the mean.
@@ -109,23 +108,32 @@ def settings_for(
     (True, True)
 
     """
-    count, first = integer("starts", starts, at_least=1), integer("seed", seed, at_least=0)
+    count = integer("starts", starts, at_least=1)
     targets = read_targets(target)
     if isinstance(scene, Scene):
-        draws: list[Callable[[], Scene]] = [lambda: scene]
+        if seed is not None:
+            raise ValueError(f"seed must be left out for a scene with one start, got {brief(seed)}")
+        drawn = Starts(lambda number: scene, 1)
     else:
         if not isinstance(scene, str | os.PathLike):
             raise TypeError(f"scene must be a Scene or a scene's file, got {brief(scene)}")
         try:
-            draws = starts_of(*read_scene_tables(scene), str(scene), count, first)
+            drawn = starts_of(*read_scene_tables(scene), str(scene), count, seed)
         except FileNotFoundError as error:
             raise ValueError(f"scene{str(error).removeprefix('path')}") from None
     with shows("settings", check_progress(progress), after=0.0) as say:
-        return search_settings(draws, targets, knobs, mean=mean, time_limit=time_limit, say=say)
+        return search_settings(drawn, targets, knobs, mean=mean, time_limit=time_limit, say=say)
+
+
+class Starts(NamedTuple):
+    """A function that returns the start of a number, and how many there are."""
+
+    draw: Callable[[int], Scene]
+    number: int
 
 
 def search_settings(
-    starts: Sequence[Callable[[], Scene]],
+    starts: Starts,
     targets: tuple[Target, ...],
     knobs: Mapping[str, Sequence[Any]] | None,
     *,
@@ -133,21 +141,23 @@ def search_settings(
     time_limit: float | None,
     say: Callable[..., Any],
 ) -> CheapestSettings:
-    """Return what `settings_for` does, for functions that give the starts."""
+    """Return what `settings_for` does, for starts."""
     instance("mean", mean, bool)
-    limit = None if time_limit is None else positive("time_limit", time_limit)
-    with compile_clock() as compiling:
-        return _Search(starts, targets, knobs, mean, limit).run(say, compiling)
+    limit = math.inf if time_limit is None else positive("time_limit", time_limit)
+    return _Search(starts, targets, knobs, mean, limit).run(say)
 
 
-def starts_of(tables: Mapping[str, Any], folder: Path, name: str, count: int, seed: int) -> list[Callable[[], Scene]]:
-    """Return functions that give the starts of a scene file, and as many to confirm; of what is not random one."""
+def starts_of(tables: Mapping[str, Any], folder: Path, name: str, count: int, seed: int | None) -> Starts:
+    """Return the starts of a scene file, from seeds in a row, and as many to confirm; of what is not random one."""
     if not is_random(tables):
-        return [lambda: scene_of_tables(dict(tables), folder, name=name)]
-    return [
-        lambda k=k: scene_of_tables(changed_tables(tables, seed=seed + k), folder, name=name)  # type: ignore[misc]
-        for k in range(2 * count if count > 1 else 1)
-    ]
+        if seed is not None:
+            raise ValueError(f"seed must be left out for a packing that is not random, got {brief(seed)}")
+        return Starts(lambda number: scene_of_tables(dict(tables), folder, name=name), 1)
+    first = 0 if seed is None else integer("seed", seed, at_least=0)
+    return Starts(
+        lambda number: scene_of_tables(changed_tables(tables, seed=first + number), folder, name=name),
+        2 * count if count > 1 else 1,
+    )
 
 
 class _Search:
@@ -158,36 +168,34 @@ class _Search:
 
     def __init__(
         self,
-        starts: Sequence[Callable[[], Scene]],
+        starts: Starts,
         targets: tuple[Target, ...],
         knobs: Mapping[str, Sequence[Any]] | None,
         mean: bool,
-        time_limit: float | None,
+        time_limit: float,
     ) -> None:
-        first = starts[0]()
+        first = starts.draw(0)
         if first.drive is None:
             raise ValueError("scene must have a drive to be run, got none")
-        self.scenes = [of_a_duration(one) for one in (first, *(start() for start in starts[1:]))]
-        first = self.scenes[0]
+        self.draw, self.first = starts.draw, of_a_duration(first)
         # the second half confirms what is chosen from the first
-        half = (len(starts) + 1) // 2
-        self.starts, self.further = range(half), range(half, len(starts))
+        half = (starts.number + 1) // 2
+        self.starts, self.further = range(half), range(half, starts.number)
         if mean and half < 2:
             raise ValueError("mean must be False for a scene with one start, got True: give the file of a random one")
         self.targets, self.mean, self.time_limit = targets, mean, time_limit
-        self.knobs = usual_knobs(first) if knobs is None else given_knobs(first, knobs)
+        self.knobs = usual_knobs(self.first) if knobs is None else given_knobs(self.first, knobs)
         if not self.knobs:
-            raise ValueError(
-                f"knobs must be given for a drive that has none of the usual ones, got {type(first.drive).__name__}"
-            )
+            kind = type(first.drive).__name__
+            raise ValueError(f"knobs must be given for a drive that has none of the usual ones, got {kind}")
         self.caps = tuple(knob.first_cap for knob in self.knobs)
         self.ran: dict[tuple[tuple[int, ...], int], tuple[dict[str, Any], str, float]] = {}
         self.warm: set[tuple[int, ...]] = set()
-        self.unsound, self.began = 0, time.process_time()
+        self.unsound, self.began = 0, working_time()
 
-    def run(self, say: Callable[..., Any], compiling: Callable[[], float]) -> CheapestSettings:
+    def run(self, say: Callable[..., Any]) -> CheapestSettings:
         """Return the cheapest settings that meet the target."""
-        self.say, self.compiling = say, compiling
+        self.say = say
         trials: dict[tuple[int, ...], SettingTrial] = {}
         before, why_not = trials, ""
         try:
@@ -216,7 +224,7 @@ class _Search:
         chosen = trials.get(place)
         changes = self._changes(place)
         return CheapestSettings(
-            scene=set_fields(self.scenes[0], changes),
+            scene=set_fields(self.first, changes),
             changes=changes,
             repeats=1 if chosen is None else max(1, chosen.repeats),
             met=best is not None,
@@ -225,7 +233,7 @@ class _Search:
             trials=tuple(trials.values()),
             reference=self._changes(self._reference),
             starts=len(self.starts),
-            seconds=time.process_time() - self.began,
+            seconds=working_time() - self.began,
         )
 
     @property
@@ -260,7 +268,7 @@ class _Search:
                 best = place if trial.meets else best
             for k, knob in enumerate(self.knobs):
                 finer = (*place[:k], place[k] + 1, *place[k + 1 :])
-                if not knob.alternatives and finer[k] <= self.caps[k]:
+                if not knob.alternatives and finer[k] <= self.caps[k] and finer not in trials:
                     waiting[finer] = max(trial.seconds if knob.costs else 0.0, waiting.get(finer, 0.0))
         return best
 
@@ -279,7 +287,7 @@ class _Search:
             again = self._trial(place, self.further)
             errors = {name: (*found, *again.errors[name]) for name, found in trial.errors.items()}
             share = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
-            met = again.meets if self.mean else min(*share.values(), *map(self._within(again), self.targets)) >= _SHARE
+            met = again.meets if self.mean else min(*share.values(), self._within(again.errors)) >= _SHARE
             repeats = max(trial.repeats, again.repeats) if met else 0
             failed = trial.failed or again.failed
             return replace(trial, errors=errors, share=share, repeats=repeats, meets=met, failed=failed)
@@ -291,10 +299,9 @@ class _Search:
                 return replace(trial, meets=False, repeats=0)
         return trial
 
-    @staticmethod
-    def _within(trial: SettingTrial) -> Callable[[Target], float]:
-        """Return a function that gives the share of a trial's starts whose error is within a target."""
-        return lambda one: float(np.mean(np.abs(trial.errors[one.figure]) <= one.error))
+    def _within(self, errors: Mapping[str, Sequence[float]]) -> float:
+        """Return the share of starts of which all errors are within their targets."""
+        return float(np.mean(np.all([np.abs(errors[one.figure]) <= one.error for one in self.targets], axis=0)))
 
     def _finer(self, trials: Mapping[tuple[int, ...], SettingTrial]) -> tuple[int, ...] | str:
         """Return the caps with the knobs finer that make errors smaller; or why nothing does, in words."""
@@ -307,6 +314,8 @@ class _Search:
             return f"runs with finer settings do not end well: {wrong}"
         corner = tuple(0 if knob.alternatives else cap for knob, cap in zip(self.knobs, self.caps, strict=True))
         here = self._size(trials[corner])
+        if not math.isfinite(here) and not trials[corner].failed:
+            return "a figure is no number, or zero in the reference: ask for an absolute error of what is zero"
         if not math.isfinite(here):
             helpful = rising[:1]
         else:
@@ -353,7 +362,7 @@ class _Search:
             if len(seconds) >= _FEW and hopeless and not self.mean:
                 break
         shares = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
-        repeats = int(len(seconds) == len(starts) and min(shares.values()) >= _SHARE)
+        repeats = int(len(seconds) == len(starts) and min(*shares.values(), self._within(errors)) >= _SHARE)
         if self.mean:
             needed = [self._repeats(one, errors[one.figure], values[one.figure], starts, scale) for one in self.targets]
             repeats = max(needed) if all(needed) else 0
@@ -380,6 +389,8 @@ class _Search:
         if not np.isfinite(errors).all():
             return 0
         references = [self._ran(self._reference, start)[0][target.figure] for start in starts]
+        if len({np.shape(one) for one in (*values, *references)}) > 1:
+            return 0
         found, true = (
             np.array([np.asarray(one, dtype=float).ravel() for one in each]) for each in (values, references)
         )
@@ -399,7 +410,8 @@ class _Search:
             self._look_at_the_clock()
             labels = ", ".join(map(label, self._changes(place).values()))
             self.say(f"{labels}; start {start + 1}", {})
-            scene = set_fields(self.scenes[start], self._changes(place))
+            drawn = self.first if start == 0 else of_a_duration(self.draw(start))
+            scene = set_fields(drawn, self._changes(place))
             way = tuple(k for k, knob in zip(place, self.knobs, strict=True) if knob.alternatives)
             if way not in self.warm:
                 # the first run of a kind loads its loops, which is no cost of its settings
@@ -409,20 +421,20 @@ class _Search:
         return self.ran[key]
 
     def _look_at_the_clock(self, *_: Any) -> None:
-        if self.time_limit is not None and time.process_time() - self.began > self.time_limit:
+        if working_time() - self.began > self.time_limit:
             raise _TimeUpError
 
     def _measure(self, scene: Scene) -> tuple[dict[str, Any], str, float]:
-        began, compiled = time.process_time(), self.compiling()
+        began = working_time()
         try:
             done = run_drive(scene, progress=self._look_at_the_clock)
+            # without the examination, which every choice of settings takes alike
+            seconds = working_time() - began
+            runs = done.runs if hasattr(done, "runs") else [done]
+            wrong = next((one.outcome.value for one in runs if isinstance(one, Run) and not one.ok), "")
+            figures = {} if wrong else self._figures(done, scene)
         except (ValueError, ArithmeticError, RuntimeError, np.linalg.LinAlgError) as error:
-            return {}, str(error).partition("\n")[0], time.process_time() - began
-        # without the examination, which every choice of settings takes alike
-        seconds = time.process_time() - began - (self.compiling() - compiled)
-        figures = self._figures(done, scene)
-        runs = done.runs if hasattr(done, "runs") else [done]
-        wrong = next((one.outcome.value for one in runs if isinstance(one, Run) and not one.ok), "")
+            return {}, str(error).partition("\n")[0], working_time() - began
         return figures, wrong, max(seconds, 1e-6)
 
     def _figures(self, done: Any, scene: Scene) -> dict[str, Any]:

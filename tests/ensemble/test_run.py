@@ -121,6 +121,11 @@ def test_code_that_a_folder_names_runs_only_where_it_is_trusted(tmp_path, called
     job.write_text(json.dumps(table))
     with pytest.raises(ValueError, match="system of module os"):
         pm.resume_ensemble(folder, workers=1)
+    # and one of packmech's may take a file of code
+    table["job"]["function"] = {"module": "packmech.files.modules", "name": "load_modules", "root": ""}
+    job.write_text(json.dumps(table))
+    with pytest.raises(ValueError, match=r"load_modules of module packmech\.files\.modules"):
+        pm.resume_ensemble(folder, workers=1)
 
 
 def test_a_folder_of_a_scene_runs_no_code_of_its_own_and_needs_no_trust(tmp_path):

@@ -23,13 +23,30 @@ def replace(path, text="new"):
         (b"a.npz", TypeError, "path must be a file name, got b'a.npz'"),
         ("a\0b", ValueError, "path must be a file name without zero bytes"),
         ("\udc80\ud800", ValueError, "path must be a file name without zero bytes and halves of letters"),
-        ("n" * 250, ValueError, "path must be a file name of fewer letters, got .* of 250"),
+        ("n" * 256, ValueError, "path must be a file name of fewer letters, got .* of 256"),
         ("n/" * 4000, ValueError, "path must be a file name of fewer letters"),
     ],
 )
 def test_what_is_no_file_name_is_refused(path, error, message):
     with pytest.raises(error, match=message):
         file_name("path", path)
+
+
+def test_a_long_name_can_be_read_where_nothing_could_be_written_beside_it(tmp_path):
+    path = tmp_path / ("n" * 240)
+    path.write_text("x")
+    assert existing_file("path", path) == path
+    with pytest.raises(ValueError, match="out must lie in a folder where a file can be made, got .*File name too long"):
+        writable_file("out", path)
+
+
+def test_a_note_of_ones_own_beside_a_file_stays(tmp_path):
+    note = tmp_path / f".a.{'z' * 32}.csv"
+    note.write_text("mine")
+    os.utime(note, (0, 0))
+    with replacing(tmp_path / "a.csv") as partial:
+        partial.write_text("x")
+    assert note.exists()
 
 
 def test_a_folder_is_no_file(tmp_path):
