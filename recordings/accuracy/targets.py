@@ -54,8 +54,12 @@ def share(found: pm.CheapestSettings) -> float:
 
 
 def main(*, starts: int = 10, case: int | None = None, out: Path = Path(__file__).parent) -> None:
-    """Find settings for each case and try them; write the table."""
-    rows = []
+    """Find settings for each case, or for one, and try them; write the table, in which other rows stay."""
+    table = out / "targets.csv"
+    rows = dict.fromkeys(one[:2] for one in CASES)
+    if table.exists():
+        with open(table, newline="") as file:
+            rows |= {(row[0], row[1]): row for row in list(csv.reader(file))[1:]}
     for scene, text, mean, built in CASES if case is None else [CASES[case]]:
         found = pm.settings_for(scene, text, starts=starts, mean=mean)
         chosen = next(one for one in found.trials if one.changes == found.changes)
@@ -66,11 +70,10 @@ def main(*, starts: int = 10, case: int | None = None, out: Path = Path(__file__
         others = [share(tried(scene, text, one.changes, found.reference, starts)) for one in hopeful]
         row = (scene, text, "mean" if mean else "each", "yes" if built else "no", found.met, found.words())
         row += ("" if mean else share(again), again.repeats if mean else "", len(cheaper), max(others, default=0.0))
-        rows.append((*row, f"{found.seconds:.0f}"))
-        print(dict(zip(HEADINGS, rows[-1], strict=True)), flush=True)
-    if case is None:
-        with open(out / "targets.csv", "w", newline="") as file:
-            csv.writer(file).writerows([HEADINGS, *rows])
+        rows[scene, text] = (*row, f"{found.seconds:.0f}")
+        print(dict(zip(HEADINGS, rows[scene, text], strict=True)), flush=True)
+        with open(table, "w", newline="") as file:
+            csv.writer(file).writerows([HEADINGS, *filter(None, rows.values())])
 
 
 if __name__ == "__main__":
