@@ -120,7 +120,7 @@ def test_steps_of_the_search_grow_more_slowly_than_the_number_of_particles(large
 
 
 def test_settling_ends_no_less_dense_than_the_search_alone_within_the_scatter_of_packings(large, monkeypatch):
-    monkeypatch.setattr("packmech.protocols.hard_vertex.settle", lambda protocol, packing, steps: packing)
+    monkeypatch.setattr("packmech.protocols.hard_vertex.settle_at_pressure", lambda protocol, packing, steps: packing)
     alone = pm.jam(scene(1024, 21)).report["jamming_packing_fraction"]
     # packings of 1024 discs scatter by 7e-4
     assert large[1024].report["jamming_packing_fraction"] > alone - 2e-3
