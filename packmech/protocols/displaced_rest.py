@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
 from packmech.check import BoxStrain, instance, integer, one_of, positive
 from packmech.contacts import Contacts
 from packmech.contacts.exact_gaps import ExactPairs
@@ -200,6 +201,7 @@ def _bearing_pairs(packing: Packing, depth: float) -> Contacts:
     return pair_contacts(packing, *Candidates(*(column[kept] for column in pairs)))
 
 
+@shown_as("rest at a tiny pressure")
 @honors("repulsion kinds", at_rest=True)
 def displaced_rest(
     scene: Scene,
