@@ -142,7 +142,8 @@ def test_the_recording_of_jam_holds_the_numbers_of_its_json(jammed):
     results = json.loads(kept.column("results_json").to_pylist()[0][0])
     assert {name: results[name] for name in JSON_FIELDS} == {name: numbers[name] for name in JSON_FIELDS}
     parameters = json.loads(kept.column("parameters_json").to_pylist()[0][0])
-    assert parameters["drive"] == {"kind": "jam-drive", "pressure": 1e-6, "strain": "isotropic"}
+    wanted = {"kind": "jam-drive", "pressure": 1e-6, "strain": "isotropic", "force_tolerance": 1e-5}
+    assert parameters["drive"] == wanted
 
 
 @pytest.mark.parametrize(
