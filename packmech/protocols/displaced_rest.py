@@ -127,8 +127,7 @@ class _Balance:
     def pressure(self) -> float:
         """The pressure of the forces [energy/length^d]."""
         packing = self.scene.packing
-        volume = packing.box.strained(self.gradient_dd).volume
-        return float((self.force_c * self.now.distance_c).sum()) / packing.dimension / volume
+        return float((self.force_c * self.now.distance_c).sum()) / packing.dimension / packing.box.volume
 
     def press(self, pressure: float) -> None:
         """Take another pressure for the goal [energy/length^d]."""
