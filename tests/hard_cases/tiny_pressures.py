@@ -102,22 +102,6 @@ def _false_outcomes() -> float:
     return float(false)
 
 
-def _surplus(contacts: pm.Contacts) -> float:
-    """Return by how many the contacts are off one state of self stress among the particles that they touch."""
-    touched = int(np.count_nonzero(contacts.count_n()))
-    return float(abs(len(contacts) - (2 * touched - 1)))
-
-
-def _counted() -> float:
-    return _surplus(_displaced(1024, 1e-12).contacts)
-
-
-def _miscounted() -> float:
-    fine = _displaced(1024, 1e-12)
-    here = fine.contacts.at(fine.packing)
-    return _surplus(here.select(here.gap_c < 0.0))
-
-
 WHY = "asked for as 6e-11 of forces that are known to 1e-13 of a thousand overlaps; infinite for another pressure"
 LOST = "residual of the displaced packing in exact arithmetic"
 RISK = "overlaps are small differences of large coordinates: whatever is done, four digits of them are left, or none"
@@ -191,14 +175,5 @@ CASES = (
         0.0,
         "the hard packing nearby is jammed by certificate; what rounding hides may be doubted, not denied",
         _false_outcomes,
-    ),
-    HardCase(
-        "contacts at 1e-12, 1024 discs",
-        "a contact that bears less than rounding is lost, and with one contact less nothing is held",
-        "contacts that bear, less 2 N' - 1 of the particles that they touch",
-        0.0,
-        "one state of self stress in a box of fixed shape; discs of two sizes make no more at so small a pressure",
-        _counted,
-        _miscounted,
     ),
 )
