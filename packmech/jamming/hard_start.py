@@ -23,6 +23,8 @@ _BARRIER = 10.0
 _BEARS = 1e-2
 # visits of all rattlers, steps of each, and how far one may go, over the reach of the list times its radius
 _ROUNDS, _STEPS, _FURTHEST = 12, 3, 0.7
+# part of a gap that one step may close
+_CLOSED = 0.7
 
 
 @kernel
@@ -82,18 +84,18 @@ def _step_inward(position, lattice, i, pair, pairs, sigma_c):  # type: ignore[no
         for a in range(d):
             growth += normal[m, a] * step[a]
         if growth < 0.0:
-            size = min(size, -0.7 * gap[m] / growth)
+            size = min(size, -_CLOSED * gap[m] / growth)
     return size * step
 
 
 @kernel
-def _center(position, lattice, pairs, sigma_c, loose_n, furthest_n):  # type: ignore[no-untyped-def]
-    """Take loose particles, one after another and again and again, to the middle of their cages."""
+def _center(position, lattice, pairs, sigma_c, rattling_n, furthest_n):  # type: ignore[no-untyped-def]
+    """Take rattlers, one after another and again and again, to the middle of their cages."""
     first, pair = _pairs_of(pairs[0], pairs[1], position.shape[0])
     start = position.copy()
     for _ in range(_ROUNDS):
         for i in range(position.shape[0]):
-            if not loose_n[i] or first[i] == first[i + 1]:
+            if not rattling_n[i] or first[i] == first[i + 1]:
                 continue
             for _ in range(_STEPS):
                 step = _step_inward(position, lattice, i, pair[first[i] : first[i + 1]], pairs, sigma_c)
@@ -107,17 +109,17 @@ def _center(position, lattice, pairs, sigma_c, loose_n, furthest_n):  # type: ig
                     position[i, a] += step[a]
 
 
-def _loose(pairs: NearPairs, bears_c: NDArray[np.bool_], particles: int) -> NDArray[np.bool_]:
+def _rattling(pairs: NearPairs, bears_c: NDArray[np.bool_], particles: int) -> NDArray[np.bool_]:
     """Return the (N,) particles that fewer than d + 1 contacts hold, found again and again until no more are."""
     i_c, j_c, dimension = pairs.list.i_c, pairs.list.j_c, pairs.list.image_cd.shape[1]
-    loose, bears = np.zeros(particles, dtype=bool), bears_c.copy()
+    rattling, bears = np.zeros(particles, dtype=bool), bears_c.copy()
     while True:
         ends = np.concatenate([i_c[bears], j_c[bears]])
-        more = (np.bincount(ends, minlength=particles) <= dimension) & ~loose
+        more = (np.bincount(ends, minlength=particles) <= dimension) & ~rattling
         if not more.any():
-            return loose
-        loose |= more
-        bears &= ~(loose[i_c] | loose[j_c])
+            return rattling
+        rattling |= more
+        bears &= ~(rattling[i_c] | rattling[j_c])
 
 
 def settled_start(
@@ -136,9 +138,9 @@ def settled_start(
     if not overlap.any():
         return start_state(position_nd, lattice_dd, radius_n, load)
     bears = overlap > _BEARS * overlap[overlap > 0.0].mean()
-    loose = _loose(pairs, bears, len(radius_n))
+    rattling = _rattling(pairs, bears, len(radius_n))
     position, lattice = position_nd.copy(), lattice_dd.copy()
-    _center(position, lattice, tuple(pairs.list), pairs.sigma_c, loose, _FURTHEST * pairs.reach * radius_n)
+    _center(position, lattice, tuple(pairs.list), pairs.sigma_c, rattling, _FURTHEST * pairs.reach * radius_n)
     gap = pairs.measure(position, lattice)
     depth = -float(gap[gap < 0.0].mean()) if (gap < 0.0).any() else float(overlap[bears].mean())
     barrier = _BARRIER * depth**2
