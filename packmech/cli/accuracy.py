@@ -106,7 +106,8 @@ def accuracy(
     if out is not None:
         with replacing(out) as partial:
             partial.write_text(commented_scene(_with_settings(tables, found)), encoding="utf-8")
-        show(f"wrote {out}   (next: packmech run {out})")
+        drawn_anew = found.starts > 1 and tables["packing"].get("seed") is None
+        show(f"wrote {out}   (next: packmech run {out}{' --seed 1' * drawn_anew})")
     return OK
 
 

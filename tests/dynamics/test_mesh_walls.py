@@ -194,7 +194,7 @@ def test_a_surface_is_read_from_a_file_with_its_corners_joined(tmp_path):
         mesh = pm.read_mesh(tmp_path / name, scale=0.5)
         assert mesh.vertices.shape == (8, 3) and mesh.triangles.shape == (12, 3)
         assert np.array_equal(0.5 * corner[triangles], mesh.vertices[mesh.triangles])
-    with pytest.raises(FileNotFoundError, match="path must name a file"):
+    with pytest.raises(FileNotFoundError, match="path must name an existing file"):
         pm.read_mesh(tmp_path / "none.stl")
     (tmp_path / "bad.stl").write_text("no surface")
     with pytest.raises(ValueError, match="path must name a file of triangles"):

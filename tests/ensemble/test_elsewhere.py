@@ -49,7 +49,8 @@ def dask(tmp_path, wait_until):
     scheduler = start(
         "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(where)
     )
-    wait_until(where.exists)
+    # the file is there before its text is
+    wait_until(lambda: where.exists() and where.read_text().rstrip().endswith("}"))
     address = json.loads(where.read_text())["address"]
     workers = [
         start("worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-dashboard",
