@@ -46,6 +46,8 @@ _BROAD = 20.0
 # a symmetric start can lead to a saddle: so often particles are moved off it, the tolerance a tenth each time but for
 # the first, as contacts that bear no more than the tolerance may be what bends
 _ROUNDS, _TIGHTER, _TIGHTEST = 8, 0.1, 1e-15
+# residual at which particles rest well enough for unstable directions to tell of a saddle [1]
+_AT_REST = 1e-4
 # step off a saddle [smallest diameter]: the first that is tried, the shortest, the longest
 _KICK, _SHORTEST, _LONGEST = 1e-4, 1e-10, 0.1
 # energy that rounding of positions leaves where nothing touches [energy scale]
@@ -246,7 +248,8 @@ class _Descent:
         """Minimize until the particles rest in a minimum; return how that ended.
 
         Where forces balance on a saddle, particles are moved off it along a direction in which the energy falls, and
-        the minimizer goes on from there.
+        the minimizer goes on from there. Unstable directions at a residual above 1e-4 make no saddle yet: there the
+        minimizer just goes on to a tenth of its tolerance.
 
         Parameters
         ----------
@@ -256,8 +259,8 @@ class _Descent:
             When forces balance [1].
 
         """
-        goal, note = tolerance, ""
-        for number in range(_ROUNDS):
+        goal, note, saddles = tolerance, "", 0
+        while saddles < _ROUNDS:
             outcome = attempt(goal, note)
             now = self.reached
             met = outcome is not Outcome.TIME_LIMIT and now.mean_force > 0.0 and now.residual <= tolerance
@@ -273,9 +276,13 @@ class _Descent:
                 # Newton's method counts less exactly with links and shapes
                 balanced = outcome in (Outcome.UNSTABLE, Outcome.UNJAMMED)
                 return Outcome.CONVERGED if met or balanced else outcome
-            if number < _ROUNDS - 1:
+            if min(goal, now.residual) > _AT_REST:
+                goal, note = goal * _TIGHTER, ", nearer to rest"
+                continue
+            if saddles < _ROUNDS - 1:
                 self.step_off(found)
-            goal, note = max(tolerance * _TIGHTER**number, min(tolerance, _TIGHTEST)), ", off the saddle"
+            goal = min(goal, max(tolerance * _TIGHTER**saddles, min(tolerance, _TIGHTEST)))
+            note, saddles = ", off the saddle", saddles + 1
         return Outcome.UNSTABLE
 
     def _alone(self, now: Evaluation) -> bool:

@@ -220,3 +220,15 @@ def test_coincident_centers_part_under_newtons_method(law):
     packing = pm.Packing(np.ones((5, 2)), np.full(5, 0.5), pm.Box.cubic(5.0, 2))
     run = pm.quench(pm.Scene(packing, (pm.Repulsion(law),)), force_tolerance=1e-8, method=pm.Newton())
     assert run.outcome is pm.Outcome.UNJAMMED
+
+
+@pytest.mark.parametrize("tolerance", [0.3, 0.1, 0.03])
+def test_what_is_not_yet_at_rest_is_no_saddle_and_a_loose_tolerance_costs_less_than_a_tight_one(tolerance):
+    for seed in range(4):
+        packing = pm.random_packing(64, dimension=2, packing_fraction=0.9, seed=seed)
+        loose, tight = (
+            pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=one) for one in (tolerance, 1e-6)
+        )
+        assert loose.ok and loose.residual <= tolerance and loose.report["negative_modes"] == 0
+        assert not any("saddle" in stage.name for stage in loose.stages)
+        assert loose.steps < tight.steps
