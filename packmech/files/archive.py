@@ -21,8 +21,8 @@ from packmech.check import check_memory
 
 SEAL = "sha256"
 _ENDING = ".npy"
-# numbers, truth values and texts: what needs no code of a file to be read
-_KINDS = "biufcUS"
+# numbers, truth values, times and texts: what needs no code of a file to be read
+_KINDS = "biufcmMUS"
 
 
 def write_archive(file: BinaryIO, arrays: Mapping[str, Any]) -> None:
@@ -88,7 +88,7 @@ def _check_head(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
         raise ValueError(f"{name} must be of a version of numpy's format from 1 to 3, got {version[0]}.{version[1]}")
     shape, _, dtype = _HEADS[version](file)
     if dtype.kind not in _KINDS:
-        raise ValueError(f"{name} must be an array of numbers or texts, got one of {dtype}")
+        raise ValueError(f"{name} must be an array of numbers, times or texts, got one of {dtype}")
     wanted, held = dtype.itemsize * int(np.prod(shape, dtype=object)), member.file_size - file.tell()
     if wanted != held:
         raise ValueError(f"{name} must hold the {wanted} bytes of {dtype} of shape {shape}, got {held}")

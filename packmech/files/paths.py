@@ -103,27 +103,34 @@ def replacing(target: Path) -> Iterator[Path]:
     processes that were killed while they wrote the same target are removed. A device or a pipe is written itself.
     """
     if _is_device(target):
-        yield target
+        with _naming(target, target):
+            yield target
         return
     whole = _behind_links(target)
     _remove_forgotten(whole)
     partial = whole.with_name(_beside(whole.name))
     try:
         # held for as long as it is written: a lock ends with its process, however that ends
-        with open(partial, "xb") as file:
+        with _naming(partial, target), open(partial, "xb") as file:
             with suppress(OSError):
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield partial
             with suppress(OSError):
                 shutil.copymode(whole, partial)
             os.replace(partial, whole)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def _naming(partial: Path, target: Path) -> Iterator[None]:
+    """Name the file in an error, of a full disk, say: who reads of it knows that name and not the one of its half."""
+    try:
+        yield
     except OSError as error:
-        # a full disk: who reads of it knows the file, not the name of the half of it
         if error.errno is None or error.filename not in (None, str(partial)):
             raise
         raise OSError(error.errno, error.strerror, str(target)) from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _beside(name: str) -> str:

@@ -21,7 +21,7 @@ from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, strain_directions
 from packmech.measure.rattlers import find_rattlers
 from packmech.packing import Packing
-from packmech.result import Condition, NotConverged, Outcome, Run
+from packmech.result import Condition, NotConverged, Outcome, Run, unmet_conditions
 from packmech.scene import Scene
 
 # pairs whose gaps in the reference are below so many mean overlaps may come to bear
@@ -276,7 +276,7 @@ def displaced_rest(
             steps += used
             if not outcome.ok:
                 break
-    found = _finished(balance, outcome, steps, time.process_time() - began)
+    found = _finished(balance, outcome, tolerance, steps, time.process_time() - began)
     if check and not found.ok:
         raise NotConverged(found)
     return found
@@ -324,20 +324,25 @@ def _unlisted(balance: _Balance, packing: Packing) -> int:
     return int(np.count_nonzero(deep & ~are_among(now, balance.near)))
 
 
-def _finished(balance: _Balance, outcome: Outcome, steps: int, seconds: float) -> DisplacedRest:
+def _finished(balance: _Balance, outcome: Outcome, tolerance: float, steps: int, seconds: float) -> DisplacedRest:
     scene, packing = balance.scene, balance.scene.packing
     bearing, gradient_dd = balance.force_c != 0.0, balance.gradient_dd
     position_nd = packing.position_nd + balance.u_nd + packing.position_nd @ gradient_dd.T
     moved = packing.replace(position_nd=position_nd, box=packing.box.strained(gradient_dd))
     others = _unlisted(balance, moved)
+    outcome = Outcome.STALLED if others else outcome
     return DisplacedRest(
         moved,
-        Outcome.STALLED if others else outcome,
+        outcome,
         balance.residual,
         steps,
         steps + 1,
         seconds,
-        unmet=(Condition("pairs that overlap and were not among those near contact", others, 0),) if others else (),
+        unmet=unmet_conditions(
+            outcome,
+            Condition("force residual", balance.residual, tolerance),
+            Condition("pairs that overlap and were not among those near contact", others, 0),
+        ),
         reference=packing,
         displacement_nd=balance.u_nd,
         gradient_dd=gradient_dd,

@@ -9,7 +9,12 @@ import pytest
 import packmech as pm
 from packmech.files.archive import SEAL, read_archive, write_archive
 
-ARRAYS = {"position_nd": np.array([[0.1, 0.2], [0.3, 0.4]]), "kind_n": np.array([0, 1]), "law": np.array("harmonic")}
+ARRAYS = {
+    "position_nd": np.array([[0.1, 0.2], [0.3, 0.4]]),
+    "kind_n": np.array([0, 1]),
+    "law": np.array("harmonic"),
+    "day": np.array(["2026-11-29"], dtype="M8[D]"),
+}
 
 
 def written(path, arrays):
@@ -86,7 +91,7 @@ def test_two_arrays_of_one_name_are_refused(tmp_path):
 
 def test_objects_are_refused_before_anything_of_them_is_read(tmp_path):
     path = archive(tmp_path / "a.npz", ("a.npy", member(np.array([print], dtype=object))))
-    with pytest.raises(ValueError, match=r"a\.npy must be an array of numbers or texts, got one of object"):
+    with pytest.raises(ValueError, match=r"a\.npy must be an array of numbers, times or texts, got one of object"):
         read_archive(path)
 
 
