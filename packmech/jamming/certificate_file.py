@@ -1,0 +1,105 @@
+"""A verdict in a file, with all that an independent referee needs to prove it anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from packmech.check import instance
+from packmech.contacts import Contacts
+from packmech.files.archive import write_archive
+from packmech.files.paths import replacing, writable_file
+from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
+
+KIND, VERSION = "certificate of jamming", 1
+
+
+def write_certificate(verdict: Verdict, path: str | Path) -> None:
+    """Write what a verdict claims and its grounds, for `verify`: a .npz file that numpy alone reads.
+
+    An answer is claimed where it comes with grounds: contact forces for jammed, a motion or an empty backbone for not
+    jammed. Answers that are ambiguous, and those of the load programs that give no forces, claim nothing.
+
+    Parameters
+    ----------
+    verdict
+        What `classify_jamming` returned for discs or spheres, with or without rigid links.
+    path
+        The file, ending in .npz; one that is there is replaced.
+
+    Raises
+    ------
+    ValueError
+        If the packing has shapes, or nothing is claimed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import packmech as pm
+    >>> verdict = pm.classify_jamming(pm.lattice_packing("triangular", repeats=(3, 3)))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pm.write_certificate(verdict, f"{folder}/triangular.npz")
+    ...     found = pm.verify(f"{folder}/triangular.npz")
+    >>> found.accepted, found.collective, found.strict
+    (True, 'jammed', 'jammed')
+
+    """
+    instance("verdict", verdict, Verdict)
+    target = writable_file("path", path)
+    if target.suffix != ".npz":
+        raise ValueError(f"path must end in .npz, got {target.name!r}")
+    packing, network = verdict.packing, verdict.network
+    if packing is None or not isinstance(network, Contacts) or packing.shapes.has_orientations:
+        raise ValueError("verdict must be that of discs or spheres, whose contacts a referee can check, got shapes")
+    answers = {"collective": verdict.collectively, "strict": verdict.strictly}
+    claimed = {name: _claimed(one, len(network)) for name, one in answers.items()}
+    if not any(claimed.values()):
+        raise ValueError(f"verdict must have an answer with grounds, got {verdict.collective} and {verdict.strict}")
+    links = packing.links
+    tolerance = verdict.touching.tolerance
+    arrays: dict[str, Any] = {
+        "kind": KIND,
+        "version": VERSION,
+        "position_nd": packing.position_nd,
+        "radius_n": packing.radius_n,
+        "lattice_dd": packing.box.lattice_dd,
+        "backbone_n": verdict.backbone,
+        "gap_tolerance": float(np.abs(network.gap_c / network.contact_distance_c).max(initial=0.0))
+        if np.isnan(tolerance)
+        else tolerance,
+        "strain": verdict.strain,
+        **{f"{name}_c": getattr(network, f"{name}_c") for name in ("i", "j")},
+        "image_cd": network.image_cd,
+        "i_l": links.i_l,
+        "j_l": links.j_l,
+        "image_ld": links.image_ld,
+    }
+    for name, answer in answers.items():
+        arrays |= {f"{name}_verdict": claimed[name], **_grounds(name, answer, claimed[name])}
+    with replacing(target) as partial, open(partial, "wb") as file:
+        write_archive(file, arrays)
+
+
+def _claimed(answer: JammingAnswer, contacts: int) -> str:
+    """Return the answer where it comes with grounds, else nothing."""
+    given = {
+        JAMMED: answer.contact_force_c is not None,
+        NOT_JAMMED: answer.unjamming_motion is not None or contacts == 0,
+        AMBIGUOUS: False,
+    }
+    return answer.verdict if given[answer.verdict] else ""
+
+
+def _grounds(name: str, answer: JammingAnswer, claimed: str) -> dict[str, NDArray[np.float64]]:
+    motion = answer.unjamming_motion
+    if claimed == JAMMED and answer.contact_force_c is not None:
+        found = {f"{name}_force_c": answer.contact_force_c}
+        if answer.link_tension_l is not None:
+            found[f"{name}_tension_l"] = answer.link_tension_l
+        return found
+    if claimed == NOT_JAMMED and motion is not None:
+        return {f"{name}_displacement_nd": motion.displacement_nd, f"{name}_strain_dd": motion.strain_dd}
+    return {}
