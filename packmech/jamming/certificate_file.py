@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from packmech.check import instance
 from packmech.contacts import Contacts
 from packmech.files.archive import write_archive
-from packmech.files.paths import replacing, writable_file
+from packmech.files.paths import existing_file, replacing, writable_file
+from packmech.jamming import referee
+from packmech.jamming.referee import Verification
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
 
 KIND, VERSION = "certificate of jamming", 1
@@ -103,3 +105,42 @@ def _grounds(name: str, answer: JammingAnswer, claimed: str) -> dict[str, NDArra
     if claimed == NOT_JAMMED and motion is not None:
         return {f"{name}_displacement_nd": motion.displacement_nd, f"{name}_strain_dd": motion.strain_dd}
     return {}
+
+
+def verify(path: str | Path) -> Verification:
+    """Return whether an independent referee proves what the certificate in a file claims.
+
+    The referee (packmech/jamming/referee.py) needs numpy alone and calls nothing that made the verdict. Jammed: the
+    rank of the contacts by a factorization whose rounding is bounded, and the balance of their forces in whole numbers.
+    Not jammed: a motion that closes no pair, in whole numbers, after a search for all pairs; without a backbone, that
+    particles can be taken out one after the other.
+
+    Parameters
+    ----------
+    path
+        What `write_certificate` wrote.
+
+    Returns
+    -------
+    Verification
+        True where all that is claimed was proven; with the reasons, and bounds on singular values and weights.
+
+    Raises
+    ------
+    TypeError, FileNotFoundError
+        If there is no such file. What is no certificate is refused, not raised.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import packmech as pm
+    >>> verdict = pm.classify_jamming(pm.lattice_packing("kagome", repeats=(2, 2)))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     pm.write_certificate(verdict, f"{folder}/kagome.npz")
+    ...     print(pm.verify(f"{folder}/kagome.npz"))
+    accepted
+    collective: not jammed: a motion closes no pair by more than ...
+    strict: not jammed: a motion closes no pair by more than ...
+
+    """
+    return referee.verify(existing_file("path", path))

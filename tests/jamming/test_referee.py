@@ -1,0 +1,205 @@
+"""Facts about the referee: it proves what is true, and what was tampered with until it is not it refuses."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.files.archive import SEAL, write_archive
+from packmech.jamming import referee
+
+CRYSTALS = {
+    "triangular": ((3, 3), True, True),
+    "square": ((3, 3), False, False),
+    "kagome": ((2, 2), False, False),
+    "honeycomb": ((3, 3), False, False),
+    "fcc": ((2, 2, 2), True, True),
+    "hcp": ((2, 2, 2), True, True),
+    "sc": ((3, 3, 3), False, False),
+}
+
+
+def jammed(particles, dimension, seed, strain="free"):
+    start = pm.random_packing(
+        particles,
+        dimension=dimension,
+        sizes=pm.Bidisperse(ratio=1.4),
+        packing_fraction=0.8 if dimension == 2 else 0.6,
+        seed=seed,
+    )
+    return pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-8, strain=strain).packing
+
+
+@pytest.fixture(scope="module")
+def verdicts():
+    found = {
+        name: pm.classify_jamming(pm.lattice_packing(name, repeats=repeats))
+        for name, (repeats, _, _) in CRYSTALS.items()
+    }
+    for seed in range(4):
+        found[f"discs {seed}"] = pm.classify_jamming(jammed(24, 2, seed))
+        found[f"isotropic {seed}"] = pm.classify_jamming(jammed(24, 2, seed, "isotropic"))
+    found["spheres"] = pm.classify_jamming(jammed(24, 3, 1))
+    return found
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(verdict):
+        pm.write_certificate(verdict, tmp_path / "one.npz")
+        return tmp_path / "one.npz"
+
+    return write
+
+
+def arrays_of(path):
+    with np.load(path) as file:
+        return {name: file[name].copy() for name in file.files if name != SEAL}
+
+
+@pytest.mark.parametrize("name", CRYSTALS)
+def test_crystals_are_proven_to_be_what_they_are(name, verdicts, written):
+    _, collective, strict = CRYSTALS[name]
+    found = pm.verify(written(verdicts[name]))
+    answer = {True: "jammed", False: "not jammed"}
+    assert found.accepted and (found.collective, found.strict) == (answer[collective], answer[strict])
+
+
+def test_what_is_claimed_of_random_packings_is_proven(verdicts, written):
+    claims = 0
+    for name, verdict in verdicts.items():
+        if name in CRYSTALS or "ambiguous" in (verdict.collective, verdict.strict):
+            continue
+        found = pm.verify(written(verdict))
+        assert found.accepted and (found.collective, found.strict) == (verdict.collective, verdict.strict), str(found)
+        claims += 1
+    assert claims >= 6
+
+
+def test_discs_with_rigid_links_are_proven_too(written):
+    linked = pm.chain_packing(6, 4, dimension=2, packing_fraction=0.6, seed=2)
+    assert len(linked.links)
+    packing = pm.jam(pm.Scene(linked, (pm.Repulsion(),)), pressure=1e-8).packing
+    verdict = pm.classify_jamming(packing)
+    assert verdict.collective == "jammed"
+    assert pm.verify(written(verdict)).collective == "jammed"
+
+
+def test_discs_that_hold_nothing_are_taken_out_one_by_one(written):
+    row = pm.Packing(np.array([[0.5, 0.5], [1.5, 0.5], [2.5, 1.5]]), 0.5, pm.Box.cubic(6.0, 2))
+    found = pm.verify(written(pm.classify_jamming(row)))
+    assert found.accepted and found.collective == "not jammed"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_bound_on_singular_values_holds(seed):
+    rng = np.random.default_rng(seed)
+    kept, d = 6, 2
+    pairs = np.array([(i, j) for i in range(kept) for j in range(i + 1, kept)])
+    matrix = np.zeros((len(pairs), d * kept))
+    for row, (i, j) in zip(matrix, pairs, strict=True):
+        row[d * i : d * i + d] = rng.normal(size=d)
+        row[d * j : d * j + d] = -row[d * i : d * i + d]
+    values = np.linalg.svd(matrix, compute_uv=False)
+    bound = referee._smallest_singular_value(matrix, kept, d)
+    assert 0.0 < bound <= values[d * kept - d - 1]
+    with pytest.raises(referee.Refused, match="no full rank"):
+        referee._smallest_singular_value(matrix[: d * kept - d - 1], kept, d)
+
+
+def tampered(arrays, rng):
+    """Return arrays whose claim does not follow any more, and what was done to them."""
+    held = {name: one.copy() for name, one in arrays.items()}
+    jammed = {one for one in ("collective", "strict") if str(held[f"{one}_verdict"]) == "jammed"}
+    question = rng.choice(sorted(jammed)) if jammed else None
+    ways = ["position", "radius", "word", "pair", "image", "number", "cut"]
+    ways += (
+        ["push", "pull", "contact", "lattice", "shuffled", "backbone", "doubled"] if jammed else ["motion", "left out"]
+    )
+    way = str(rng.choice(ways))
+    c = int(rng.integers(max(len(held["i_c"]), 1)))
+    if way == "position":
+        held["position_nd"][held["i_c"][c]] += rng.normal(size=held["position_nd"].shape[1]) * 0.02
+    elif way == "radius":
+        held["radius_n"][held["j_c"][c]] *= rng.choice([0.98, 1.02])
+    elif way == "word":
+        one = rng.choice(["collective", "strict"])
+        held[f"{one}_verdict"] = np.array("not jammed" if str(held[f"{one}_verdict"]) == "jammed" else "jammed")
+    elif way == "pair":
+        held["j_c"][c] = (held["j_c"][c] + 1 + rng.integers(len(held["radius_n"]) - 1)) % len(held["radius_n"])
+    elif way == "image":
+        held["image_cd"][c] += rng.choice([-2, 2])
+    elif way == "number":
+        held[str(rng.choice(["position_nd", "lattice_dd", "radius_n"]))].ravel()[0] = rng.choice(
+            [np.nan, np.inf, 1e300]
+        )
+    elif way == "cut":
+        name = str(rng.choice(["position_nd", "radius_n", "backbone_n", "i_c", "image_cd"]))
+        held[name] = held[name][:-1]
+    elif way == "push":
+        held[f"{question}_force_c"][c] *= 1.01
+    elif way == "pull":
+        held[f"{question}_force_c"][c] *= -1.0
+    elif way in ("contact", "doubled"):
+        kept = np.delete(np.arange(len(held["i_c"])), c) if way == "contact" else np.r_[np.arange(len(held["i_c"])), c]
+        for name in ("i_c", "j_c", "image_cd", *(f"{one}_force_c" for one in jammed)):
+            held[name] = held[name][kept]
+    elif way == "lattice":
+        held["lattice_dd"][0] *= 1.01
+    elif way == "shuffled":
+        force = held[f"{question}_force_c"]
+        force[c], force[c - 1] = force[c - 1], force[c] * 1.5
+    elif way == "backbone":
+        n = int(rng.integers(len(held["backbone_n"])))
+        held["backbone_n"][n] = not held["backbone_n"][n]
+    elif way == "motion":
+        held["collective_displacement_nd"] += rng.normal(size=held["collective_displacement_nd"].shape) * 1e-3
+        held["strict_displacement_nd"] = held["collective_displacement_nd"]
+    else:
+        for name in ("i_c", "j_c", "image_cd"):
+            held[name] = np.delete(held[name], c, axis=0)
+    return held, way
+
+
+def test_a_thousand_tampered_certificates_are_refused(verdicts, tmp_path, written):
+    rng = np.random.default_rng(0)
+    genuine = [arrays_of(written(one)) for one in verdicts.values() if "ambiguous" not in (one.collective, one.strict)]
+    path = tmp_path / "tampered.npz"
+    accepted, tried = [], {}
+    for number in range(1000):
+        held, way = tampered(genuine[number % len(genuine)], rng)
+        tried[way] = tried.get(way, 0) + 1
+        # with a seal of its own: what is refused is the claim
+        with open(path, "wb") as file:
+            write_archive(file, held)
+        if pm.verify(path):
+            accepted.append((number, way))
+    assert not accepted
+    assert min(tried.values()) >= 10
+
+
+@pytest.mark.parametrize("text", [b"", b"no archive", b"PK\x03\x04 half of one"])
+def test_what_is_no_certificate_is_refused_by_name(tmp_path, text):
+    path = tmp_path / "other.npz"
+    path.write_bytes(text)
+    found = pm.verify(path)
+    assert not found and "cannot be read" in str(found)
+
+
+def test_the_referee_uses_nothing_of_what_made_the_verdict():
+    tree = ast.parse(Path(referee.__file__).read_text("utf-8"))
+    used = {
+        name.partition(".")[0]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        for name in ([node.module] if isinstance(node, ast.ImportFrom) else [one.name for one in node.names])
+    }
+    assert used == {"__future__", "dataclasses", "fractions", "itertools", "numpy", "pathlib", "typing", "zipfile"}
+
+
+def test_verdicts_without_grounds_and_of_shapes_are_not_written(tmp_path):
+    ambiguous = pm.classify_jamming(pm.random_packing(20, dimension=2, packing_fraction=0.8, seed=1))
+    with pytest.raises(ValueError, match="verdict must have an answer with grounds, got ambiguous"):
+        pm.write_certificate(ambiguous, tmp_path / "one.npz")
