@@ -227,6 +227,11 @@ from packmech.mechanics.modes import normal_modes as normal_modes
 from packmech.mechanics.modes import Modes as Modes
 from packmech.mechanics.modes import density_of_states as density_of_states
 from packmech.mechanics.modes import StateDensity as StateDensity
+from packmech.mechanics.waves import waves as waves
+from packmech.mechanics.waves import Waves as Waves
+from packmech.mechanics.waves import dispersion as dispersion
+from packmech.mechanics.waves import sound_speeds as sound_speeds
+from packmech.mechanics.waves import SoundSpeeds as SoundSpeeds
 from packmech.mechanics.soft_spots import soft_spots as soft_spots
 from packmech.mechanics.soft_spots import SoftSpots as SoftSpots
 from packmech.mechanics.hessian import dynamical_matrix as dynamical_matrix

@@ -30,6 +30,7 @@ from packmech.mechanics.linked_systems import (
     soft_shift,
 )
 from packmech.mechanics.system import System, bordered, system_of
+from packmech.mechanics.wave_matrices import wave_fractions, wave_stiffness
 from packmech.scene import Scene
 
 CURVATURES = ("det", "trace")
@@ -71,6 +72,7 @@ def hessian(
     volume_curvature: str = "det",
     strain_scale: float | None = 1.0,
     gap_tolerance: float | None = None,
+    wave_vector: ArrayLike | None = None,
 ) -> sp.csr_array:
     """Return the (N d + s, N d + s) second derivatives of the energy, or (N d, N d) without strain.
 
@@ -112,11 +114,16 @@ def hessian(
         Contacts are pairs with a gap up to this times the contact distance [1]; those that do not overlap count with
         the second derivative of the closed side, u''(1-), so that a crystal at its touching point has its stiffness.
         None: the rule of `find_contacts`, by which the matrix is the derivative of the forces wherever pairs overlap.
+    wave_vector
+        (d,) fractions of the reciprocal lattice [1], with strain "none": the box is one cell of an endless packing
+        and the coordinates are waves in it, whose copies n boxes away move by exp(2 pi i wave_vector.n) times as much.
+        The matrix is Hermitian.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, a name is unknown, or touching centers coincide.
+        If an argument is of the wrong kind, a name is unknown, touching centers coincide, or waves are asked for with
+        strains, rigid links, or walls and held particles, which have no copies.
 
     Examples
     --------
@@ -129,6 +136,8 @@ def hessian(
     instance("scene", scene, Scene)
     check_choices(kind, strain, volume_curvature)
     check_strain_of_box(scene, strain)
+    if wave_vector is not None:
+        return _wave_hessian(scene, strain, kind, gap_tolerance, wave_vector)
     system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep", strained=strain != "none")
     position = system.whole_matrix()
     if strain == "none":
@@ -137,6 +146,26 @@ def hessian(
     scale = scale_of_strain(scene.packing, strain_scale)
     corner = corner_of(system, kind, strain, volume_curvature)
     return bordered(position, system.column(everything) / scale, corner / scale**2)
+
+
+def _wave_hessian(
+    scene: Scene, strain: BoxStrain, kind: Kind, gap_tolerance: float | None, wave_vector: ArrayLike
+) -> sp.csr_array:
+    """Return the Hermitian second derivatives by waves."""
+    fraction = wave_fractions(wave_vector, scene.packing.dimension)
+    if strain != "none":
+        raise ValueError(f"strain must be 'none' where a wave_vector is given, got {strain!r}")
+    refuse_no_copies(scene, "wave_vector")
+    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep", strained=False)
+    return wave_stiffness(system.elements, system.network.turn_nkt, scene.packing, fraction)
+
+
+def refuse_no_copies(scene: Scene, name: str) -> None:
+    """Refuse what waves through copies of the box cannot have, naming the argument that asks for them."""
+    if scene.packing.links:
+        raise ValueError(f"{name} must be left out for packings with rigid links, got {len(scene.packing.links)} links")
+    if acts_on_single(scene.effects):
+        raise ValueError(f"{name} must be left out where walls, weights or held particles are, which have no copies")
 
 
 def _width(scene: Scene) -> int:
@@ -159,6 +188,7 @@ def dynamical_matrix(
     strain_scale: float | None = None,
     gap_tolerance: float | None = None,
     memory_limit: float = MEMORY_LIMIT,
+    wave_vector: ArrayLike | None = None,
 ) -> sp.csr_array:
     """Return M^-1/2 H M^-1/2, whose eigenvalues are squared frequencies [1/time^2].
 
@@ -178,6 +208,8 @@ def dynamical_matrix(
         frequencies do not depend on the unit of length.
     memory_limit
         Largest memory of the matrix of a packing with links [bytes].
+    wave_vector
+        As in `hessian`.
 
     Raises
     ------
@@ -200,7 +232,9 @@ def dynamical_matrix(
     positive("memory_limit", memory_limit)
     mass = scene.packing.mass_n
     scale = scale_of_strain(scene.packing, strain_scale)
-    full = hessian(scene, strain, kind, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance)
+    full = hessian(
+        scene, strain, kind, volume_curvature=volume_curvature, gap_tolerance=gap_tolerance, wave_vector=wave_vector
+    )
     dimension = scene.packing.dimension
     if scene.packing.links:
         links, held = ConstraintFactor(scene.packing), held_particles(scene.effects, scene.packing.particles)

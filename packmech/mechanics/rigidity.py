@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import honors
 from packmech.check import STRAINS, BoxStrain, instance, one_of, positive
@@ -16,6 +16,7 @@ from packmech.contacts.elements import PairGeometry, distance_rows
 from packmech.contacts.given import contacts_of
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.linalg.mandel import mandel_basis, strain_directions
+from packmech.mechanics.wave_matrices import wave_fractions, wave_rows
 from packmech.packing import Packing
 
 
@@ -36,6 +37,7 @@ def rigidity_matrix(
     strain_scale: float | None = 1.0,
     contacts: Contacts | ShapeContacts | None = None,
     gap_tolerance: float | None = None,
+    wave_vector: ArrayLike | None = None,
 ) -> sp.csr_array:
     """Return the rigidity matrix: (C, N d + s) derivatives of contact distances, or (C, N d) without strain columns.
 
@@ -60,11 +62,15 @@ def rigidity_matrix(
     gap_tolerance
         Largest gap relative to the contact distance [1] at which a pair counts as touching; None: the rule of
         `find_contacts`.
+    wave_vector
+        (d,) fractions of the reciprocal lattice [1], with strain "none": the complex rows for waves through copies of
+        the box, as in `hessian`.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, or the contacts belong to another number of particles.
+        If an argument is of the wrong kind, or the contacts belong to another number of particles; if waves are asked
+        for with strains or rigid links.
 
     Examples
     --------
@@ -76,6 +82,12 @@ def rigidity_matrix(
     """
     one_of("strain", strain, STRAINS)
     found = contacts_of(packing, contacts, gap_tolerance)
+    if wave_vector is not None:
+        fraction = wave_fractions(wave_vector, packing.dimension)
+        if strain != "none" or packing.links:
+            what = f"strain {strain!r}" if strain != "none" else f"{len(packing.links)} rigid links"
+            raise ValueError(f"wave_vector must be left out but for strain 'none' without rigid links, got {what}")
+        return wave_rows(found, packing, fraction)
     position, columns = distance_rows(found), strain_columns(found)
     if strain == "none":
         return position

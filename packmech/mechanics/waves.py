@@ -1,0 +1,336 @@
+"""Waves through endless copies of a packing: their frequencies, dispersion along a path, and the speeds of sound."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
+from numpy.typing import ArrayLike, NDArray
+
+from packmech.calls.display import shown
+from packmech.calls.honors import honors
+from packmech.calls.status import shown_as
+from packmech.check import KINDS, Kind, finite_array, instance, integer, one_of
+from packmech.jit.blas import single_thread
+from packmech.mechanics.assembly import assemble
+from packmech.mechanics.hessian import refuse_no_copies
+from packmech.mechanics.relaxation import RelaxedStrains, relax
+from packmech.mechanics.system import System, system_of
+from packmech.mechanics.wave_matrices import wave_stiffness
+from packmech.scene import Scene
+
+# up to so many coordinates, or a quarter of them asked for, all eigenvalues are found at once
+_DENSE_ROWS = 1200
+_DENSE_LIMIT = 8192
+# the shift lies this far below zero, in bounds on the largest eigenvalue
+_SHIFT = 1e-6
+
+
+@shown(lambda one: f"{one.frequency_km.shape[1]} branches at {len(one.wave_vector_kd)} wave vectors")
+@dataclass(frozen=True, eq=False)
+class Waves:
+    """Frequencies of waves through copies of a packing.
+
+    Attributes
+    ----------
+    wave_vector_kd
+        (K, d) wave vectors in fractions of the reciprocal lattice [1].
+    frequency_km
+        (K, M) angular frequencies, ascending [1/time]; unstable waves have minus their growth rate.
+    along_k
+        (K,) length of the way from the first wave vector through all up to this one [1/length].
+    corner_k
+        Which wave vectors are the corners of a path; all of them where no path was asked for.
+    available
+        Number of branches; M of them are here, the lowest.
+    residual
+        Largest |D q - eigenvalue q| of a wave over the largest eigenvalue found or bounded [1].
+    index_n
+        (N',) particles that took part.
+    seconds
+        CPU time.
+
+    """
+
+    wave_vector_kd: NDArray[np.float64]
+    frequency_km: NDArray[np.float64]
+    along_k: NDArray[np.float64]
+    corner_k: NDArray[np.int64]
+    available: int
+    residual: float
+    index_n: NDArray[np.int64]
+    seconds: float
+
+    @property
+    def complete(self) -> bool:
+        """Whether these are all branches."""
+        return self.frequency_km.shape[1] == self.available
+
+
+@shown_as("waves")
+@honors("repulsion kinds bonds interactions shapes memory", at_rest=True, rough="pm.stiffness_matrix")
+def waves(
+    scene: Scene,
+    wave_vectors: ArrayLike,
+    *,
+    count: int | None = None,
+    kind: Kind = "exact",
+    rattlers: str = "remove",
+    gap_tolerance: float | None = None,
+) -> Waves:
+    """Return the frequencies of waves through endless copies of a packing.
+
+    The box is one cell; at the wave vectors (i / n1, j / n2) the frequencies are together those of n1 x n2 copies.
+
+    Parameters
+    ----------
+    scene
+        The scene, at rest, without rigid links, walls and held particles.
+    wave_vectors
+        (K, d) fractions of the reciprocal lattice [1].
+    count
+        How many of the lowest branches; None: all.
+    kind, rattlers, gap_tolerance
+        As in `normal_modes`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, or all branches of more than 8192 coordinates are asked for.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> square = pm.lattice_packing("square", repeats=(1, 1)).replace(mass_n=[1.0])
+    >>> found = pm.waves(pm.Scene(square, (pm.Repulsion(),)), [[0.5, 0.0], [0.25, 0.0]])
+    >>> found.frequency_km[:, 1].round(9).tolist()
+    [2.0, 1.414213562]
+
+    """
+    instance("scene", scene, Scene)
+    fraction = finite_array("wave_vectors", wave_vectors, shape=(None, scene.packing.dimension), what="wave vector")
+    return _waves(scene, fraction, np.arange(len(fraction)), count, kind, rattlers, gap_tolerance)
+
+
+@shown_as("dispersion")
+@honors("repulsion kinds bonds interactions shapes memory", at_rest=True, rough="pm.stiffness_matrix")
+def dispersion(
+    scene: Scene,
+    path: ArrayLike,
+    *,
+    points: int = 100,
+    count: int | None = None,
+    kind: Kind = "exact",
+    rattlers: str = "remove",
+    gap_tolerance: float | None = None,
+) -> Waves:
+    """Return the frequencies of waves along straight lines between wave vectors.
+
+    Parameters
+    ----------
+    scene, count, kind, rattlers, gap_tolerance
+        As in `waves`.
+    path
+        (C, d) corners in fractions of the reciprocal lattice [1].
+    points
+        Number of wave vectors on the whole way, more where lines are longer; corners are among them.
+
+    Examples
+    --------
+    >>> import packmech as pm
+    >>> triangular = pm.lattice_packing("triangular", repeats=(1, 1)).replace(mass_n=[1.0])
+    >>> branches = pm.dispersion(pm.Scene(triangular, (pm.Repulsion(),)), [[0, 0], [1/2, 0], [1/3, 1/3], [0, 0]], points=60)
+    >>> branches.frequency_km[branches.corner_k].round(6).tolist()
+    [[0.0, 0.0], [1.414214, 2.44949], [2.12132, 2.12132], [0.0, 0.0]]
+
+    """
+    instance("scene", scene, Scene)
+    corners = finite_array("path", path, shape=(None, scene.packing.dimension), what="corner")
+    if len(corners) < 2:
+        raise ValueError(f"path must have two corners or more, got {len(corners)}")
+    wanted = integer("points", points, at_least=len(corners))
+    length = _lengths(scene, np.diff(corners, axis=0))
+    share = length / length.sum() if length.sum() > 0.0 else np.full(len(length), 1.0 / len(length))
+    steps = np.maximum(1, np.rint(share * (wanted - 1)).astype(np.int64))
+    fraction = np.concatenate(
+        [
+            begin + np.arange(k)[:, None] / k * (end - begin)
+            for begin, end, k in zip(corners[:-1], corners[1:], steps, strict=True)
+        ]
+        + [corners[-1:]]
+    )
+    at = np.concatenate([[0], np.cumsum(steps)])
+    return _waves(scene, fraction, at, count, kind, rattlers, gap_tolerance)
+
+
+def _lengths(scene: Scene, fraction_kd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths of wave vectors [1/length]."""
+    vector = 2.0 * np.pi * fraction_kd @ scene.packing.box.inverse_dd
+    return np.asarray(np.sqrt((vector**2).sum(axis=1)))
+
+
+def _waves(
+    scene: Scene,
+    fraction_kd: NDArray[np.float64],
+    corner_k: NDArray[np.int64],
+    count: int | None,
+    kind: Kind,
+    rattlers: str,
+    gap_tolerance: float | None,
+) -> Waves:
+    start = time.process_time()
+    one_of("kind", kind, KINDS)
+    refuse_no_copies(scene, "scene")
+    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
+    network = system.network
+    there = network.there_nq.ravel()
+    branches = int(there.sum())
+    wanted = branches if count is None else min(integer("count", count, at_least=0), branches)
+    dense = branches <= _DENSE_ROWS or wanted > branches // 4
+    if dense and branches > _DENSE_LIMIT:
+        raise ValueError(f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {branches}")
+    weight = 1.0 / np.sqrt(np.repeat(scene.packing.mass_n[network.index_n], network.there_nq.sum(axis=1)))
+    frequency, residual = np.zeros((len(fraction_kd), wanted)), 0.0
+    with single_thread():
+        for k, fraction in enumerate(fraction_kd if wanted else []):
+            whole = wave_stiffness(system.elements, network.turn_nkt, network.packing, fraction)[there][:, there]
+            matrix = sp.csr_array(whole.multiply(weight[:, None]).multiply(weight[None, :]))
+            value, left = _lowest(matrix, wanted, dense)
+            frequency[k] = np.copysign(np.sqrt(np.abs(value)), value)
+            residual = max(residual, left)
+    along = np.concatenate([[0.0], np.cumsum(_lengths(scene, np.diff(fraction_kd, axis=0)))])[: len(fraction_kd)]
+    return Waves(
+        fraction_kd, frequency, along, corner_k, branches, residual, network.index_n, time.process_time() - start
+    )
+
+
+def _lowest(matrix: sp.csr_array, count: int, dense: bool) -> tuple[NDArray[np.float64], float]:
+    """Return the lowest eigenvalues of a Hermitian matrix, and the largest residual over a bound on all of them."""
+    import scipy.linalg
+
+    bound = float(abs(matrix).sum(axis=1).max()) or 1.0
+    if dense:
+        value, vector = scipy.linalg.eigh(matrix.toarray(), subset_by_index=(0, count - 1))
+    else:
+        value, vector = _shift_invert(matrix, count, bound)
+    left = np.abs(matrix @ vector - vector * value).max(initial=0.0)
+    # rounding is no frequency
+    return np.where(np.abs(value) <= 1e-15 * bound * len(vector), 0.0, value), float(left / bound)
+
+
+def _shift_invert(matrix: sp.csr_array, count: int, bound: float) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    shift = -_SHIFT * bound
+    begin = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(complex)
+    while True:
+        value, vector = spla.eigsh(sp.csc_array(matrix), k=count, sigma=shift, which="LM", v0=begin, tol=0.0)
+        order = np.argsort(value)
+        value, vector = value[order], vector[:, order]
+        # found around the shift: all lie above it where those found do
+        if value[0] > shift:
+            return value, vector
+        shift = 2.0 * min(float(value[0]), shift) - bound * _SHIFT
+
+
+@dataclass(frozen=True)
+class SoundSpeeds:
+    """Speeds of the d waves of great length along one direction, ascending.
+
+    Attributes
+    ----------
+    direction_d
+        (d,) unit vector along which they travel [1].
+    speed_m
+        (d,) speeds [length/time]; minus the root of minus the square where that is negative, and the wave grows.
+    polarization_md
+        (d, d) directions in which particles move, one in a row.
+    density
+        Mass of the particles that take part over the volume [mass/length^d].
+    residual
+        Of the linear solve, over the largest force of a contact under a unit strain [1].
+
+    """
+
+    direction_d: NDArray[np.float64]
+    speed_m: NDArray[np.float64]
+    polarization_md: NDArray[np.float64]
+    density: float
+    residual: float
+
+
+@shown_as("speeds of sound")
+@honors("repulsion kinds bonds interactions shapes memory", at_rest=True, rough="pm.elastic_moduli")
+def sound_speeds(
+    scene: Scene,
+    direction: Sequence[float] | NDArray[Any],
+    *,
+    kind: Kind = "exact",
+    rattlers: str = "remove",
+    gap_tolerance: float | None = None,
+) -> SoundSpeeds:
+    """Return the speeds of sound along a direction: frequencies over wave vectors, as these go to zero.
+
+    A wave of great length along k displaces by a cos(k.x), which is the displacement gradient a k at each place; the
+    particles relax in it. With C the second derivatives of the energy over the volume by gradients a k, relaxed, the
+    squared speeds are the eigenvalues of C over the density of mass: Christoffel's, with the stress at rest in it.
+
+    Parameters
+    ----------
+    scene, kind, rattlers, gap_tolerance
+        As in `waves`.
+    direction
+        (d,) where they travel to; its length does not matter.
+
+    Examples
+    --------
+    Of a triangular crystal these are the roots of (B + G) / density and G / density:
+
+    >>> import packmech as pm
+    >>> crystal = pm.Scene(pm.lattice_packing("triangular", repeats=(1, 1)), (pm.Repulsion(),))
+    >>> moduli, speeds = pm.elastic_moduli(crystal), pm.sound_speeds(crystal, [1.0, 0.0])
+    >>> float(speeds.speed_m[0] ** 2 * speeds.density / moduli.shear_modulus).__round__(9)
+    1.0
+
+    """
+    instance("scene", scene, Scene)
+    one_of("kind", kind, KINDS)
+    refuse_no_copies(scene, "scene")
+    packing, d = scene.packing, scene.packing.dimension
+    along = finite_array("direction", direction, shape=(d,), what="component")
+    size = float(np.sqrt(along @ along))
+    if not size > 0.0:
+        raise ValueError(f"direction must have a length, got {along.tolist()}")
+    along = along / size
+    with single_thread():
+        system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
+        relaxed = _relaxed(system, np.eye(d)[:, :, None] * along)
+    density = float(packing.mass_n[system.network.index_n].sum()) / packing.box.volume
+    if not density:
+        return SoundSpeeds(along, np.zeros(d), np.eye(d), 0.0, 0.0)
+    stiffness, residual = relaxed
+    value, vector = np.linalg.eigh(stiffness / (packing.box.volume * density))
+    # rounding of what cancels is no speed
+    value[np.abs(value) <= 1e-13 * np.abs(value).max(initial=0.0)] = 0.0
+    return SoundSpeeds(along, np.copysign(np.sqrt(np.abs(value)), value), vector.T, density, residual)
+
+
+def _relaxed(system: System, gradient_edd: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return second derivatives of the energy by displacement gradients, particles relaxed, and the solve's residual."""
+    network = system.network
+    assembled = assemble(system.elements, network.turn_nkt, network.dimension, basis_edd=gradient_edd)
+    if not network.pinned_f.any():
+        return assembled.corner_ee, 0.0
+    found: RelaxedStrains = relax(_Gradients(network, system.terms, system.elements, assembled))
+    return assembled.corner_ee - found.relief_ee, found.residual
+
+
+class _Gradients(System):
+    """A system whose strains are displacement gradients, which take no displacements along."""
+
+    @property
+    def _carried_nqe(self) -> NDArray[np.float64]:  # type: ignore[override]
+        return np.zeros_like(self.assembled.column_nqe)
