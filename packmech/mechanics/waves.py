@@ -144,7 +144,8 @@ def dispersion(
     --------
     >>> import packmech as pm
     >>> triangular = pm.lattice_packing("triangular", repeats=(1, 1)).replace(mass_n=[1.0])
-    >>> branches = pm.dispersion(pm.Scene(triangular, (pm.Repulsion(),)), [[0, 0], [1/2, 0], [1/3, 1/3], [0, 0]], points=60)
+    >>> scene = pm.Scene(triangular, (pm.Repulsion(),))
+    >>> branches = pm.dispersion(scene, [[0, 0], [1 / 2, 0], [2 / 3, 1 / 3], [0, 0]], points=60)
     >>> branches.frequency_km[branches.corner_k].round(6).tolist()
     [[0.0, 0.0], [1.414214, 2.44949], [2.12132, 2.12132], [0.0, 0.0]]
 
