@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, instance, integer, one_of, real
+from packmech.check import BoxStrain, instance, integer, integer_array, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.given import check_given
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
@@ -33,6 +33,7 @@ from packmech.jamming.contact_selection import (
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.shaped import classify_shaped
+from packmech.jamming.tiled import MOST_COPIES, judge_tiled
 from packmech.jamming.verdict import (
     AMBIGUOUS,
     JAMMED,
@@ -240,6 +241,7 @@ def classify_jamming(
     tolerance: float = 1e-8,
     bound: str = "ball",
     seed: int = 0,
+    tiled: bool | Sequence[int] = False,
 ) -> Verdict:
     """Return whether a packing is locally, collectively and strictly jammed, with grounds that can be checked.
 
@@ -292,6 +294,10 @@ def classify_jamming(
         takes the box; `Verdict.bound` says what was taken.
     seed
         Draws the load.
+    tiled
+        Whether to judge copies of the packing side by side, too: True for any numbers of copies, or the largest
+        numbers along each lattice vector. The answer is `Verdict.tiled`; what is jammed in one box may unjam in two.
+        Discs and spheres without rigid links, up to 1500 coordinates.
 
     Raises
     ------
@@ -301,7 +307,9 @@ def classify_jamming(
     Examples
     --------
     >>> import packmech as pm
-    >>> verdict = classify_jamming(pm.lattice_packing("triangular", repeats=(4, 4)))
+    >>> verdict = classify_jamming(pm.lattice_packing("triangular", repeats=(4, 4)), tiled=True)
+    >>> verdict.tiled.collective, verdict.tiled.strict
+    ('jammed', 'jammed')
     >>> verdict.collective, verdict.strict, verdict.contacts, verdict.isostatic_contacts
     ('jammed', 'jammed', 48, 33)
     >>> verdict = classify_jamming(pm.lattice_packing("kagome", repeats=(2, 2)))
@@ -331,6 +339,7 @@ def classify_jamming(
     if rest_tolerance != np.inf:
         rest_tolerance = real("rest_tolerance", rest_tolerance, above=0.0)
     integer("seed", seed, at_least=0)
+    repeats = _repeats(packing, tiled, method)
     if method == "loads" and solver == "highs":
         bound = "box"
     if packing.shapes.has_orientations:
@@ -378,6 +387,9 @@ def classify_jamming(
             strictly = replace(strictly, stable=_stable(scene, rattlers, strain="isochoric", gap_tolerance=closed))
         collectively, strictly = (undecided(packing, answer) for answer in (collectively, strictly))
         collectively, strictly = settle(collectively, strictly, selection, rest, within)
+        copied = None
+        if tiled is not False:
+            copied = judge_tiled(packing, collectively, strictly, judged.network, ~rattlers, repeats)
     return Verdict(
         *_local(judged, selection, rest),
         collectively,
@@ -393,7 +405,25 @@ def classify_jamming(
         packing.cluster_n if packing.links else None,
         bound if method == "loads" else None,
         packing,
+        copied,
     )
+
+
+def _repeats(packing: Packing, tiled: bool | Sequence[int], method: str) -> tuple[int, ...] | None:
+    """Return the largest numbers of copies to judge; None for any, or where none are asked for."""
+    if tiled is False:
+        return None
+    if packing.links or packing.shapes.has_orientations:
+        what = f"{len(packing.links)} rigid links" if packing.links else type(packing.shapes).__name__
+        raise ValueError(f"tiled must be left out but for discs and spheres without rigid links, got {what}")
+    if method == "loads":
+        raise ValueError('tiled must be left out with method "loads", which gives no contact forces')
+    if tiled is True:
+        return None
+    numbers = integer_array("tiled", tiled, shape=(packing.dimension,), what="lattice vector")
+    if not (1 <= int(numbers.min()) and int(numbers.max()) <= MOST_COPIES):
+        raise ValueError(f"tiled must be between 1 and {MOST_COPIES} along each lattice vector, got {numbers.tolist()}")
+    return tuple(numbers.tolist())
 
 
 def _local(judged: Judged, selection: ContactSelection, rest: RestCheck | None) -> tuple[str, str]:

@@ -96,6 +96,53 @@ class JammingAnswer:
         return f"{self.verdict} ({self.reason.partition(':')[0].partition(';')[0]})"
 
 
+@shown(lambda one: f"copies: collectively {one.collective}, strictly {one.strict}; {one.reason}")
+@dataclass(frozen=True, eq=False)
+class TiledAnswer:
+    """Whether a packing is jammed when its box is repeated.
+
+    Attributes
+    ----------
+    collective, strict
+        "jammed", "not jammed" or "ambiguous": with the box of all copies fixed, and with it free to deform.
+    reason
+        One sentence why.
+    repeats
+        The copies in each direction: of which the answer holds where some were asked for, or the smallest that unjam;
+        None where it holds for all.
+    wave_vector_d
+        (d,) fractions of the reciprocal lattice of the wave that unjams [1]; None where there is none.
+    smallest_singular_value
+        The smallest found of R(f), of rows of unit normals [1].
+    nearest_d
+        (d,) wave vector at which it was found, outside of the region about 0.
+    long_waves
+        Wave vectors up to this are covered by the bound about 0 [1/length].
+    cells
+        Number of cells of wave vectors that cover the rest.
+    packing
+        The copies that unjam; None where there are none.
+    motion
+        The motion of these that keeps all contacts; None where there is none.
+    seconds
+        CPU time.
+
+    """
+
+    collective: str
+    strict: str
+    reason: str
+    repeats: tuple[int, ...] | None = None
+    wave_vector_d: NDArray[np.float64] | None = None
+    smallest_singular_value: float = np.nan
+    nearest_d: NDArray[np.float64] | None = None
+    long_waves: float = 0.0
+    cells: int = 0
+    packing: Packing | None = None
+    motion: UnjammingMotion | None = None
+    seconds: float = 0.0
+
+
 @shown(lambda one: f"locally {one.local}, collectively {one.collective}, strictly {one.strict}")
 @dataclass(frozen=True, eq=False)
 class Verdict:
@@ -131,6 +178,8 @@ class Verdict:
         programs only. None for the certificate.
     packing
         The packing that was classified; None where it is not known.
+    tiled
+        Whether it stays jammed when copies of it lie side by side; None where that was not asked.
 
     """
 
@@ -149,6 +198,7 @@ class Verdict:
     cluster_n: NDArray[np.int64] | None = None
     bound: str | None = None
     packing: Packing | None = field(default=None, repr=False)
+    tiled: TiledAnswer | None = None
 
     @property
     def collective(self) -> str:
@@ -352,6 +402,8 @@ def verdict_numbers(verdict: Verdict) -> dict[str, Any]:
         "verdict_bound": verdict.bound,
         "verdict_seconds": verdict.seconds,
     }
+    if verdict.tiled is not None:
+        numbers |= _tiled_numbers(verdict.tiled)
     if verdict.cluster_n is not None:
         numbers["rattling_clusters"] = len(np.unique(verdict.cluster_n[verdict.rattling_clusters]))
     return numbers
@@ -374,6 +426,18 @@ def _answer_numbers(name: str, answer: JammingAnswer) -> dict[str, Any]:
     }
 
 
+def _tiled_numbers(answer: TiledAnswer) -> dict[str, Any]:
+    return {
+        "tiled_collective": answer.collective,
+        "tiled_strict": answer.strict,
+        "tiled_reason": answer.reason,
+        "tiled_repeats": None if answer.repeats is None else list(answer.repeats),
+        "tiled_wave_vector": None if answer.wave_vector_d is None else answer.wave_vector_d.tolist(),
+        "tiled_smallest_singular_value": answer.smallest_singular_value,
+        "tiled_seconds": answer.seconds,
+    }
+
+
 def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
     """Return rows of question, answer and grounds, from what `verdict_numbers` gives.
 
@@ -388,6 +452,9 @@ def verdict_rows(numbers: Mapping[str, Any]) -> list[Row]:
         _answer_row(numbers, "collective", "box fixed"),
         _answer_row(numbers, "strict", f"box free to deform, strain {numbers['verdict_strain']}"),
     ]
+    if "tiled_collective" in numbers:
+        answer = f"{numbers['tiled_collective']}, strictly {numbers['tiled_strict']}"
+        rows.append(("when tiled", answer, numbers["tiled_reason"]))
     if numbers["mechanically_stable"] is not None:
         stable, strained = numbers["mechanically_stable"], numbers["prestress_stable"]
         note = f"Hessian positive in the fixed box; with strains at fixed volume: {_yes(strained)}"

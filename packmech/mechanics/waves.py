@@ -69,7 +69,7 @@ class Waves:
     @property
     def complete(self) -> bool:
         """Whether these are all branches."""
-        return self.frequency_km.shape[1] == self.available
+        return bool(self.frequency_km.shape[1] == self.available)
 
 
 @shown_as("waves")
@@ -320,7 +320,7 @@ def sound_speeds(
 
 
 def _relaxed(system: System, gradient_edd: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Return second derivatives of the energy by displacement gradients, particles relaxed, and the solve's residual."""
+    """Return second derivatives of the energy by displacement gradients, relaxed, and the solve's residual."""
     network = system.network
     assembled = assemble(system.elements, network.turn_nkt, network.dimension, basis_edd=gradient_edd)
     if not network.pinned_f.any():
@@ -333,5 +333,5 @@ class _Gradients(System):
     """A system whose strains are displacement gradients, which take no displacements along."""
 
     @property
-    def _carried_nqe(self) -> NDArray[np.float64]:  # type: ignore[override]
+    def _carried_nqe(self) -> NDArray[np.float64]:
         return np.zeros_like(self.assembled.column_nqe)
