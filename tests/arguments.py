@@ -35,6 +35,7 @@ RESULTS = {
     "ShearFamilies", "ShellAverage", "SpectrumFit",
     "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
     "particle_shear",
+    "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
 }  # fmt: skip
 
 MINIMIZERS = {
@@ -220,6 +221,11 @@ def good(name, folder):
         "project_force": lambda: {"packing": touching(), "force_nd": np.ones((9, 2))},
         "density_of_states": lambda: {"source": scene()},
         "soft_spots": lambda: {"modes": pm.normal_modes(scene())},
+        "waves": lambda: {"scene": scene(), "wave_vectors": [[0.1, 0.2]]},
+        "dispersion": lambda: {"scene": scene(), "path": [[0.0, 0.0], [0.5, 0.0]], "points": 4},
+        "sound_speeds": lambda: {"scene": scene(), "direction": [1.0, 0.0]},
+        "verify": lambda: {"path": folder / "a.npz"},
+        "write_certificate": lambda: {"verdict": pm.classify_jamming(touching()), "path": folder / "c.npz"},
         "quench": lambda: {"scene": scene(), "force_tolerance": 1e-6},
         "settle": lambda: {"scene": scene(), "force_tolerance": 1e-6},
         "run": lambda: {"scene": scene().replace(drive=pm.QuenchDrive(force_tolerance=1e-6))},

@@ -560,6 +560,13 @@ BAD = {
     "source": [3, "modes", None, touching()],
     "strain_scale": [NAN, INF, 0.0, -1.0, "1"],
     "displacement_nd": [np.zeros(18), np.zeros((9, 3)), np.full((9, 2), NAN), "u", None],
+    "wave_vectors": [[0.1, 0.2], [[0.1]], [[0.1, NAN]], "w", None],
+    "wave_vector": [[0.1], [0.1, NAN], [[0.1, 0.2]], "w", 0.5],
+    "dispersion.path": [[0.1, 0.2], [[0.1, 0.2]], [[0.0, 0.0], [0.1, INF]], "p", None],
+    "dispersion.points": [*COUNT, None],
+    "sound_speeds.direction": [[0.0, 0.0], [1.0], [1.0, NAN], "x", None],
+    "write_certificate.verdict": [3, "verdict", None, touching()],
+    "tiled": [(0, 1), (2,), (1, 99), 3, "yes", None],
     "strain_dd": [np.eye(3), [[0.0, 1.0], [0.0, 0.0]], np.full((2, 2), INF), "e"],
     # accuracy and recording
     "draw_frame.contacts": [3, "contacts", contacts_of_another()],

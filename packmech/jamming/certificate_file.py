@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import instance
+from packmech.calls.status import shown_as
+from packmech.check import clear_errors, instance
 from packmech.contacts import Contacts
 from packmech.files.archive import write_archive
 from packmech.files.paths import existing_file, replacing, writable_file
@@ -19,6 +20,8 @@ from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswe
 KIND, VERSION = "certificate of jamming", 1
 
 
+@shown_as("writing")
+@clear_errors
 def write_certificate(verdict: Verdict, path: str | Path) -> None:
     """Write what a verdict claims and its grounds, for `verify`: a .npz file that numpy alone reads.
 
@@ -107,6 +110,8 @@ def _grounds(name: str, answer: JammingAnswer, claimed: str) -> dict[str, NDArra
     return {}
 
 
+@shown_as("proving it anew")
+@clear_errors
 def verify(path: str | Path) -> Verification:
     """Return whether an independent referee proves what the certificate in a file claims.
 

@@ -191,7 +191,7 @@ def _waves(
     network = system.network
     there = network.there_nq.ravel()
     branches = int(there.sum())
-    wanted = branches if count is None else min(integer("count", count, at_least=0), branches)
+    wanted = branches if count is None else min(integer("count", count, at_least=1), branches)
     dense = branches <= _DENSE_ROWS or wanted > branches // 4
     if dense and branches > _DENSE_LIMIT:
         raise ValueError(f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {branches}")

@@ -64,7 +64,9 @@ def test_waves_of_a_box_are_the_modes_of_its_copies(dimension, repeats):
 
 
 def test_ellipses_turn_in_waves_too():
-    scene = pm.Scene(pm.random_packing(12, dimension=2, packing_fraction=0.95, seed=3, shapes=pm.Ellipses(1.5)), SPRINGS)
+    scene = pm.Scene(
+        pm.random_packing(12, dimension=2, packing_fraction=0.95, seed=3, shapes=pm.Ellipses(1.5)), SPRINGS
+    )
     matrix = pm.hessian(scene, "none", wave_vector=[0.3, -0.2]).toarray()
     assert matrix.shape == (36, 36)
     np.testing.assert_allclose(matrix, matrix.conj().T, atol=1e-14)
