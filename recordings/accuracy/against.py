@@ -1,5 +1,6 @@
-"""How studies are written whose setting is no tolerance: table, text, and errors and seconds against the setting."""
+"""How studies are run and written whose trials give errors themselves: table, text, figure against the setting."""
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -7,6 +8,18 @@ import matplotlib.pyplot as plt
 import packmech as pm
 
 MARKERS = "osD^vP*X<>"
+
+
+def compare(
+    problem: Mapping[str, Callable[[float], pm.Answer]],
+    settings: Sequence[float],
+    quantities: Sequence[str],
+    repeats: int = 1,
+    **words: str,
+) -> pm.WorkPrecision:
+    """Return the study of trials whose values are errors by quantity; `words` are knob, title and reference_is."""
+    zero = dict.fromkeys(quantities, 0.0)
+    return pm.work_precision(problem, settings, zero, error=lambda off, _: off, repeats=repeats, **words)
 
 
 def write(table: pm.WorkPrecision, out: Path, name: str, words: str, *, floor: str = "", clock: bool = True) -> None:
@@ -37,15 +50,16 @@ def write(table: pm.WorkPrecision, out: Path, name: str, words: str, *, floor: s
         for k, method in enumerate(table.methods):
             value = [(one.seconds if quantity is None else one.errors.get(quantity, 0.0)) for one in table.of(method)]
             points = [(one.setting, y) for one, y in zip(table.of(method), value, strict=True) if y > 0.0]
-            ax.plot(*zip(*points, strict=True) if points else ([], []), f"C{k}-", marker=MARKERS[k % 10], label=method)
-        if floor and quantity == table.quantities[0]:
-            points = sorted({(one.setting, one.work[floor]) for one in table.trials if floor in one.work})
-            ax.plot(*zip(*points, strict=True), "k:", label="floor")
+            label = method if points or clock else f"{method}: none"
+            ax.plot(*zip(*points, strict=True) if points else ([], []), f"C{k}-", marker=MARKERS[k % 10], label=label)
+            points = [(one.setting, one.work[floor]) for one in table.of(method) if floor in one.work]
+            if points and quantity == table.quantities[0]:
+                ax.plot(*zip(*points, strict=True), f"C{k}:", linewidth=1.2)
         label = "CPU seconds" if quantity is None else f"error in {quantity}"
         ax.set(xlabel=table.knob, ylabel=label, xscale="log", yscale="log")
         if settings[-1] < 100.0 * settings[0]:
             ax.set_xticks(settings, [f"{one:g}" for one in settings])
-            ax.minorticks_off()
-    figure.suptitle(table.title)
+            ax.set_xticks([], minor=True)
+    figure.suptitle(table.title + (f"\ndotted: floor of {table.quantities[0]}" if floor else ""))
     figure.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
     figure.savefig(out / f"{name}.png", dpi=130)
