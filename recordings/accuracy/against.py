@@ -1,6 +1,7 @@
 """How studies are run and written whose trials give errors themselves: table, text, figure against the setting."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -12,13 +13,20 @@ MARKERS = "osD^vP*X<>"
 
 def compare(
     problem: Mapping[str, Callable[[float], pm.Answer]],
-    settings: Sequence[float],
+    settings: Sequence[float] | Mapping[str, Sequence[float]],
     quantities: Sequence[str],
     repeats: int = 1,
     **words: str,
 ) -> pm.WorkPrecision:
-    """Return the study of trials whose values are errors by quantity; `words` are knob, title and reference_is."""
+    """Return the study of trials whose values are errors by quantity; `words` are knob, title and reference_is.
+
+    Settings may be those of each method.
+    """
     zero = dict.fromkeys(quantities, 0.0)
+    if isinstance(settings, Mapping):
+        parts = [compare({name: problem[name]}, settings[name], quantities, repeats, **words) for name in problem]
+        seconds = {name: part.first_seconds[name] for name, part in zip(problem, parts, strict=True)}
+        return replace(parts[0], trials=tuple(one for part in parts for one in part.trials), first_seconds=seconds)
     return pm.work_precision(problem, settings, zero, error=lambda off, _: off, repeats=repeats, **words)
 
 
