@@ -7,6 +7,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from benchmarks import bench_skins
 
 import packmech as pm
 
@@ -135,6 +136,15 @@ def test_an_average_is_off_by_its_distance_from_the_last_periods_of_the_long_run
     mean = halves[:, :, 0].mean(axis=0)
     off = [study.shear(24, one, 2).moduli.storage - mean[one] for one in range(3)]
     assert found.value[study.NAMES[0]] == pytest.approx(np.sqrt(np.mean(np.square(off))) / abs(mean.mean()))
+
+
+def test_no_bit_depends_on_the_width_of_pair_lists(tmp_path):
+    bench_skins.main(tmp_path, particles=48, skins=(1.2, 0.6, 0.3, 0.1), repeats=1)
+    plt.close("all")
+    lines = (tmp_path / "skins.csv").read_text().splitlines()[1:]
+    found = np.array([line.rsplit(",", 6)[1:6] for line in lines], dtype=float)
+    assert len(found) == 16 and (found[:, 1] == 0.0).all() and (found[:, 3] > 0).all()
+    assert (tmp_path / "skins.png").stat().st_size > 10_000
 
 
 def test_files_keep_every_bit_beside_single_precision_that_is_as_far_off_as_its_rounding(script):
