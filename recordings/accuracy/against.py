@@ -30,7 +30,16 @@ def compare(
     return pm.work_precision(problem, settings, zero, error=lambda off, _: off, repeats=repeats, **words)
 
 
-def write(table: pm.WorkPrecision, out: Path, name: str, words: str, *, floor: str = "", clock: bool = True) -> None:
+def write(
+    table: pm.WorkPrecision,
+    out: Path,
+    name: str,
+    words: str,
+    *,
+    floor: str = "",
+    clock: bool = True,
+    least: float = 0.0,
+) -> None:
     """Write a study's table, its text and its figure; quantities without any error above zero are not drawn.
 
     Parameters
@@ -45,6 +54,8 @@ def write(table: pm.WorkPrecision, out: Path, name: str, words: str, *, floor: s
         The column of work that holds the floor of the first quantity's errors, dotted in the figure.
     clock
         Whether CPU seconds are drawn, too.
+    least
+        Smallest error that there can be above zero, where errors are shares: the axis goes down to zero then.
 
     """
     (out / f"{name}.csv").write_text(table.to_csv())
@@ -57,7 +68,11 @@ def write(table: pm.WorkPrecision, out: Path, name: str, words: str, *, floor: s
     for ax, quantity in zip(axes[0], [*drawn, None], strict=False):
         for k, method in enumerate(table.methods):
             value = [(one.seconds if quantity is None else one.errors.get(quantity, 0.0)) for one in table.of(method)]
-            points = [(one.setting, y) for one, y in zip(table.of(method), value, strict=True) if y > 0.0]
+            points = [
+                (one.setting, y)
+                for one, y in zip(table.of(method), value, strict=True)
+                if y > 0.0 or (y == 0.0 and least)
+            ]
             label = method if points or clock else f"{method}: none"
             ax.plot(*zip(*points, strict=True) if points else ([], []), f"C{k}-", marker=MARKERS[k % 10], label=label)
             points = [(one.setting, one.work[floor]) for one in table.of(method) if floor in one.work]
@@ -65,6 +80,8 @@ def write(table: pm.WorkPrecision, out: Path, name: str, words: str, *, floor: s
                 ax.plot(*zip(*points, strict=True), f"C{k}:", linewidth=1.2)
         label = "CPU seconds" if quantity is None else f"error in {quantity}"
         ax.set(xlabel=table.knob, ylabel=label, xscale="log", yscale="log")
+        if least and quantity is not None:
+            ax.set_yscale("symlog", linthresh=least)
         if settings[-1] < 100.0 * settings[0]:
             ax.set_xticks(settings, [f"{one:g}" for one in settings])
             ax.set_xticks([], minor=True)
