@@ -114,7 +114,9 @@ class Demodulation:
     storage, loss
         G' = a / amplitude and G'' = b / amplitude [stress].
     storage_error, loss_error
-        Their standard errors over periods, each period fitted for itself [stress]; nan with less than two of them.
+        Their standard errors over periods, each period fitted for itself and taken for independent of the others
+        [stress]; nan with less than two of them. Where particles keep rearranging periods are correlated, and the true
+        error is some twice as large: take repeats.
     storage_fit_error, loss_fit_error
         Their standard errors from what the fit leaves over, as if that were white [stress].
     storage_p, loss_p

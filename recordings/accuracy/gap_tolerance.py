@@ -24,7 +24,7 @@ def packing_at(particles: int, pressure: float) -> pm.Packing:
     return pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=pressure, strain="free").packing
 
 
-def trial(packing: pm.Packing, tolerance: float) -> pm.Answer:
+def trial(packing: pm.Packing | pm.Scene, tolerance: float) -> pm.Answer:
     """Return the contacts beyond the fewest that jam, with the verdicts (numbers of the words) at one gap tolerance."""
     verdict = pm.classify_jamming(packing, gap_tolerance=tolerance)
     excess = float(verdict.contacts - verdict.strictly.isostatic_contacts)

@@ -7,6 +7,7 @@ import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from benchmarks import bench_skins
 
 import packmech as pm
 
@@ -18,7 +19,12 @@ STUDIES = {
     "exact_hessian": {"pressures": (0.1,)},
     "reaffixing": {"steps": 20, "decades": 3},
     "gap_tolerance": {"particles": 32, "decades": (3, 4)},
+    "gap_tolerance_laws": {"particles": 32, "exponents": (5,)},
     "contact_distance": {"pairs": 1000},
+    "modes": {"sizes": (32.0, 64.0), "count": 6},
+    "basins": {"particles": 8, "starts": 1},
+    "averages": {"particles": 24, "starts": 4, "longest": 4, "most": 2},
+    "recorded_precision": {"particles": 24, "decades": (2, 3)},
     "minima": {
         "particles": 12,
         "starts": 3,
@@ -100,6 +106,57 @@ def test_at_a_low_pressure_contacts_are_those_of_the_hard_packing_at_any_small_t
     assert [study.WORDS[int(one.work["strict"])] for one in found] == ["jammed", "jammed", "jammed"]
     # a wide one counts pairs that do not touch
     assert study.trial(packing, 1e-2).work["excess"] > 0.0
+
+
+def test_stretched_sticky_discs_have_contacts_only_within_a_tolerance_that_covers_their_gaps(script):
+    study = script("accuracy/gap_tolerance_laws")
+    wide, narrow = (study.trial(study.pressed("sticky", 32, 1e-7), one).work["contacts"] for one in (1e-4, 1e-8))
+    assert wide > 50 and narrow < 5
+
+
+def test_modes_are_within_rounding_of_the_whole_spectrum_and_no_count_is_off(script):
+    study = script("accuracy/modes")
+    for name, count in (("dense", None), ("dense", 6), ("shift-invert", 6)):
+        found = study.by_modes(name, count, 64.0)
+        assert found.value[study.FREQUENCY] < 20.0 * found.work["floor"] and found.work["missed"] == 0
+    assert study.counts_off(study.scene_of(64.0), 64.0) == {study.COUNT: 0.0}
+
+
+def test_adaptive_steepest_descent_ends_where_a_stiff_integration_does(script):
+    study = script("accuracy/basins")
+    assert study.trial(8, 2, "steepest descent: tolerance", 1e-4).value == {study.OTHER: 0.0}
+
+
+def test_an_average_is_off_by_its_distance_from_the_last_periods_of_the_long_run(script):
+    study = script("accuracy/averages")
+    found = study.trial("periods", 24, 3, 4, 2.0)
+    halves = study.long_means(24, 3, 4)
+    long = study.shear(24, 0, study.BEFORE + 4).moduli.storage_p[study.BEFORE :]
+    assert halves[:, 0, 0] == pytest.approx([long[:2].mean(), long[2:].mean()])
+    mean = halves[:, :, 0].mean(axis=0)
+    off = [study.shear(24, one, 2).moduli.storage - mean[one] for one in range(3)]
+    assert found.value[study.NAMES[0]] == pytest.approx(np.sqrt(np.mean(np.square(off))) / abs(mean.mean()))
+
+
+def test_no_bit_depends_on_the_width_of_pair_lists(tmp_path):
+    bench_skins.main(tmp_path, particles=48, skins=(1.2, 0.6, 0.3, 0.1), repeats=1)
+    plt.close("all")
+    lines = (tmp_path / "skins.csv").read_text().splitlines()[1:]
+    found = np.array([line.rsplit(",", 6)[1:6] for line in lines], dtype=float)
+    assert len(found) == 16 and (found[:, 1] == 0.0).all() and (found[:, 3] > 0).all()
+    assert (tmp_path / "skins.png").stat().st_size > 10_000
+
+
+def test_files_keep_every_bit_beside_single_precision_that_is_as_far_off_as_its_rounding(script):
+    study = script("accuracy/recorded_precision")
+    exact, single = study.QUANTITIES, (2.0**-24, 8.0 * 2.0**-24)
+    for kind in ("npz", "gsd, packmech's arrays", "rrd, /state"):
+        assert study.trial(24, kind, 1e-6).value == dict.fromkeys(exact, 0.0)
+    for kind in ("gsd, schema", "rrd, /world"):
+        off = study.trial(24, kind, 1e-6).value
+        # coordinates of up to some eight diameters
+        assert 0.25 * single[0] < off[study.QUANTITIES[0]] < 2.0 * single[1]
+        assert off[study.QUANTITIES[1]] > 1e-3
 
 
 # log10 of the mean error over unlike pairs by another implementation, 4e5 of them; pairs without contact are left out
