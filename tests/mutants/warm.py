@@ -11,6 +11,7 @@ import importlib
 import os
 import re
 import resource
+import signal
 import sys
 import tempfile
 import types
@@ -19,6 +20,8 @@ from typing import Any
 
 import pytest
 
+# a fork has none of its parent's threads, and may wait for one of them without end: so long at most [s]
+_LONGEST = 100
 _OPTIONS = ("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no")
 
 
@@ -115,6 +118,7 @@ class Warm:
                 try:
                     os.dup2(said.fileno(), 1)
                     os.dup2(said.fileno(), 2)
+                    signal.alarm(_LONGEST)
                     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
                     if take(fault.file, text, fault.put_into(text)):
                         for name in [one for one in sys.modules if one.startswith("tests.")]:
@@ -128,4 +132,4 @@ class Warm:
             output = said.read().decode(errors="replace")
         code = os.waitstatus_to_exitcode(status)
         failed = re.search(r"^(?:FAILED|ERROR) ([^\s]+)", output, re.MULTILINE)
-        return None if code == 99 else (code, failed.group(1) if failed else "")
+        return None if code in (99, -signal.SIGALRM) else (code, failed.group(1) if failed else "")
