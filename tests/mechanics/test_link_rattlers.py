@@ -324,9 +324,7 @@ def squeezed(bend, overlap):
     away = crystal.position_nd - crystal.position_nd[27]
     # the two neighbors that the disc touches
     angle = np.radians([180.0 + bend, -bend]) if bend >= 30.0 else np.array([np.pi, 0.0])
-    chosen = [
-        int(np.linalg.norm(away - side * np.array([np.cos(one), np.sin(one)]), axis=1).argmin()) for one in angle
-    ]
+    chosen = [int(np.linalg.norm(away - side * np.array([np.cos(one), np.sin(one)]), axis=1).argmin()) for one in angle]
     place = crystal.position_nd[27].copy()
     if bend < 30.0:
         # larger than the others, so that these do not touch it, and a little below it

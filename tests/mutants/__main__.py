@@ -132,7 +132,11 @@ def counts(rows: dict[tuple[str, str], tuple[str, ...]]) -> list[str]:
     """Return the counts in words, of all faults, of those that take a guard of a verdict away, and of each part."""
     found, every = [], list(rows.values())
     parts = {part_of(row[0]): [one for one in every if part_of(one[0]) == part_of(row[0])] for row in every}
-    for name, kept in (("all", every), ("guards of verdicts", [row for row in every if row[2]]), *sorted(parts.items())):
+    for name, kept in (
+        ("all", every),
+        ("guards of verdicts", [row for row in every if row[2]]),
+        *sorted(parts.items()),
+    ):
         count = Counter(row[3] for row in kept)
         killed, survived = count[KILLED] + count[TOO_LONG], count[SURVIVED]
         tried = killed + survived

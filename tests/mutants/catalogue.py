@@ -153,7 +153,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/linalg/mandel.py": _tests("linalg", "strain"),
     "envs/packmech_envs/quench.py": _QUENCHED,
     "envs/packmech_envs/shear_goals.py": _SHEARED,
-    "envs/packmech_envs/tasks.py": ("envs/packmech_envs/tasks.py", *_QUENCHED[:6], *_SHEARED[:4]),
+    "envs/packmech_envs/tasks.py": ("envs/packmech_envs/tasks.py", *_tests("envs", "tasks scenes")),
 }
 
 
