@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-
-import packmech as pm
 from packmech_envs.tasks import (
     bonds_for_links,
     boolean,
@@ -16,6 +14,8 @@ from packmech_envs.tasks import (
     real,
     scene_of,
 )
+
+import packmech as pm
 
 
 def discs(*effects):

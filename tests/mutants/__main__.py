@@ -4,9 +4,10 @@
     python tests/mutants --generate packmech/mechanics/stability.py --seed 0 --count 20 [--keep]
 
 A fault of the catalogue is a text that stands once in a file and what stands in its place; generated ones are made from
-the syntax tree, and those that were kept belong to the catalogue as long as their text stands. The tests that should notice are run in the copy: a fault is killed where one of them fails or the
-limit of CPU time is reached, and survives where all pass. Those that are named as equivalent change no answer, and are
-not run. The outcomes go to a table, in which one run's stand beside those of others.
+the syntax tree, and those that were kept (`drawn.json`) belong to the catalogue as long as their texts stand. The tests
+that should notice are run in the copy: a fault is killed where one of them fails or the limit of CPU time is reached,
+and survives where all pass. Those that are named as equivalent change no answer, and are not run. The outcomes go to a
+table, in which one run's stand beside those of others.
 """
 
 from __future__ import annotations
