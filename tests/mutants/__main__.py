@@ -84,6 +84,8 @@ def run_tests(here: Path, tests: tuple[str, ...], seconds: int) -> tuple[str, st
     failed = re.search(r"^(?:FAILED|ERROR) ([^\s]+)", said, re.MULTILINE)
     if process.returncode in (1, 2) and failed:
         return KILLED, failed.group(1)
+    if process.returncode in (2, 4) and re.search("while loading conftest|errors? during collection", said):
+        return KILLED, "no module that imports it"
     raise SystemExit(f"tests could not be run, pytest ended with {process.returncode}:\n{said[-2000:]}")
 
 
@@ -93,10 +95,9 @@ def outcome(here: Path, fault: Fault, seconds: int, warm: Warm | None = None) ->
     began = time.perf_counter()
     if warm is not None:
         ended = warm.outcome(fault, text, fault.tests or TESTS[fault.file], seconds)
-        if ended is not None:
+        # tests that could not be run at all are looked at in a process of their own
+        if ended is not None and ended[0] <= 2:
             code, by = ended
-            if code > 2:
-                raise SystemExit(f"tests could not be run, pytest ended with {code} for {fault.what!r}")
             found = SURVIVED if code == 0 else TOO_LONG if -code in _LIMITS else KILLED
             return found, by, time.perf_counter() - began
     write(here, fault.file, fault.put_into(text))
