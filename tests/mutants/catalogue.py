@@ -151,7 +151,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/minimize/passes/kernels.py": _tests("minimize", "program"),
     "packmech/minimize/first_order/fire.py": _tests("minimize", "minimize"),
     "packmech/linalg/mandel.py": _tests("linalg", "strain"),
-    "envs/packmech_envs/quench.py": ("envs/packmech_envs/quench.py", *_QUENCHED),
+    "envs/packmech_envs/quench.py": ("envs/packmech_envs/quench.py", *_tests("envs", "quench_episodes"), *_QUENCHED),
     "envs/packmech_envs/shear_goals.py": ("envs/packmech_envs/shear_goals.py", *_SHEARED),
     "envs/packmech_envs/tasks.py": ("envs/packmech_envs/tasks.py", *_tests("envs", "tasks scenes")),
 }
