@@ -72,17 +72,6 @@ _QUENCHED = _named(
     "so_many_steps_at_a_time_show_the_quench an_episode_unjams_and_rejams a_packing_is_judged_by_the_law_of_its_scene "
     "bisection_by_what_is_observed_ends_every_episode_jammed",
 )
-_SHEARED = _named(
-    "envs/test_shear",
-    "wrong_settings_are_refused_by_name wrong_numbers_of_a_goal_are_refused "
-    "options_come_by_name_or_in_a_record_and_an_unknown_one_is_answered_with_those_there_are "
-    "rigid_links_are_refused_unless_they_may_become_bonds infos_hold_every_term_and_the_reward_is_their_sum "
-    "a_stress_that_is_followed_exactly_costs_nothing targets_are_drawn_from_the_environments_generator "
-    "progress_to_the_goal_adds_up_to_one the_yield_strain_is_that_of_the_peak_of_the_stress "
-    "an_elastic_path_to_the_goal_dissipates_little_and_a_rubbing_one_more "
-    "reduced_units_scale_what_is_seen_and_nothing_else a_budget_truncates_and_does_not_terminate "
-    "a_step_too_long_terminates_with_its_reason_and_the_last_good_observation",
-)
 _LAWS = _named(
     "effects/test_laws",
     "energy_and_derivatives_are_those_of_the_formula_to_rounding stored_potentials_are_met_to_1e_14 "
@@ -131,11 +120,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/mechanics/relaxation.py": _tests("mechanics", "elastic_crystals elasticity"),
     "packmech/minimize/second_order/soft_network.py": _tests("minimize", "polish"),
     "packmech/mechanics/self_stress.py": _tests("mechanics", "rigidity link_counting"),
-    "packmech/loop/checkpoint.py": (
-        "packmech/loop/checkpoint.py",
-        *_tests("loop", "checkpoint_file"),
-        *_tests("dynamics", "checkpoint"),
-    ),
+    "packmech/loop/checkpoint.py": ("packmech/loop/checkpoint.py", *_tests("loop", "checkpoint_file")),
     "packmech/effects/laws.py": ("packmech/effects/laws.py", *_LAWS),
     "packmech/effects/cohesion.py": _tests("effects", "cohesion"),
     "packmech/effects/pair.py": ("tests/test_extending.py", *_tests("dynamics", "contact_damping")),
@@ -152,7 +137,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/minimize/first_order/fire.py": _tests("minimize", "minimize"),
     "packmech/linalg/mandel.py": _tests("linalg", "strain"),
     "envs/packmech_envs/quench.py": ("envs/packmech_envs/quench.py", *_tests("envs", "quench_episodes"), *_QUENCHED),
-    "envs/packmech_envs/shear_goals.py": ("envs/packmech_envs/shear_goals.py", *_SHEARED),
+    "envs/packmech_envs/shear_goals.py": ("envs/packmech_envs/shear_goals.py", *_tests("envs", "shear_goals")),
     "envs/packmech_envs/tasks.py": ("envs/packmech_envs/tasks.py", *_tests("envs", "tasks scenes")),
 }
 
