@@ -70,7 +70,10 @@ def changes(text: str) -> Iterator[tuple[str, tuple[int, int, str]]]:
                 yield f"line {node.lineno}: {was} is {now}", found
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert | ast.USub):
             start, first = ends(node)[0], ends(node.operand)[0]
-            yield f"line {node.lineno}: {letters[start:first].strip(' (')} dropped", (start, first, "")
+            # parentheses around what it acts on stay
+            found = re.match(r"(not|~|-)\s*", letters[start:first])
+            if found:
+                yield f"line {node.lineno}: {found.group(1)} dropped", (start, start + found.end(), "")
         elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
             value = 2 * node.value or type(node.value)(1)
             yield f"line {node.lineno}: {node.value!r} is {value!r}", (*ends(node), repr(value))

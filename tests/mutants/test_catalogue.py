@@ -38,6 +38,11 @@ def test_generated_faults_are_those_of_the_rules_and_of_the_seed():
         "0)", "1)"
     )
     assert found["line 2: the condition is False"] == text.replace("not a <= b", "False")
+    wrapped = "x = -(1.0 - y) + ~(z)\n"
+    now = [wrapped[:start] + other + wrapped[end:] for _, (start, end, other) in changes(wrapped)]
+    assert "x = (1.0 - y) + ~(z)\n" in now and "x = -(1.0 - y) + (z)\n" in now
+    for one in now:
+        compile(one, "x", "exec")
     file = "packmech/mechanics/stability.py"
     one, other = (generated(ROOT, file, seed=0, count=5) for _ in range(2))
     assert one == other and len({fault.key for fault in one}) == len({fault.now for fault in one}) == 5
