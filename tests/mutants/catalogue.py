@@ -118,7 +118,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/mechanics/assembly.py": _tests("mechanics", "hessian exact_hessian bonds_at_rest"),
     "packmech/mechanics/system.py": _tests("mechanics", "hessian exact_hessian bonds_at_rest"),
     "packmech/mechanics/relaxation.py": _tests("mechanics", "elastic_crystals elasticity"),
-    "packmech/minimize/second_order/soft_network.py": _tests("minimize", "polish"),
+    "packmech/minimize/second_order/soft_network.py": _tests("minimize", "soft_network polish"),
     "packmech/mechanics/self_stress.py": _tests("mechanics", "rigidity link_counting"),
     "packmech/loop/checkpoint.py": ("packmech/loop/checkpoint.py", *_tests("loop", "checkpoint_file")),
     "packmech/effects/laws.py": ("packmech/effects/laws.py", *_LAWS),
