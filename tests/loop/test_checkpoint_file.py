@@ -73,6 +73,12 @@ def test_a_checkpoint_of_the_first_version_is_refused_by_its_version(tmp_path):
         read_checkpoint(tmp_path / "old.npz", "a test")
 
 
+def test_an_archive_of_other_things_is_refused_by_what_it_lacks(tmp_path):
+    np.savez(tmp_path / "other.npz", row=np.zeros(3), number=np.zeros(1))
+    with pytest.raises(ValueError, match=r"it must hold checkpoint_json, got row, number"):
+        read_checkpoint(tmp_path / "other.npz", "a test")
+
+
 def test_threads_that_write_at_once_leave_one_whole_file(path, tmp_path):
     failures = []
 
@@ -231,6 +237,14 @@ def test_a_law_of_ones_own_has_another_fingerprint_when_its_formula_was_edited(t
         return space["Own"]()
 
     assert fingerprint(law(2)) != fingerprint(law(3)) and fingerprint(law(2)) == fingerprint(law(2))
+
+
+def test_the_sources_of_packmech_are_no_part_of_a_fingerprint(monkeypatch):
+    values = (1, "a", 2.0, None, np.arange(3), pm.Harmonic(), pm.Repulsion(law=pm.Hertz()), pm.Fire())
+    before = fingerprint(values)
+    # its version tells these apart
+    monkeypatch.setattr(checkpoint, "source_key", lambda kind: "edited")
+    assert fingerprint(values) == before
 
 
 class Counted:
