@@ -82,6 +82,16 @@ _LAWS = _named(
     "a_law_with_a_wrong_derivative_is_refused_where_it_is_registered a_law_that_jumps_is_refused_unless_it_says_so "
     "a_law_without_defaults_is_checked_by_scenes_with_its_own_numbers",
 )
+_HESSIAN = _named(
+    "mechanics/test_hessian",
+    "crystals_are_stable_where_every_motion_and_in_a_box_of_free_shape_every_strain_takes_work "
+    "strains_of_symmetric_gradients_alone_have_an_energy bad_input_gets_one_clear_error "
+    "dynamical_matrix_is_the_hessian_weighted_with_masses_and_the_strain_scale "
+    "default_strain_scale_is_the_side_of_a_cube_of_the_volume a_fixed_volume_leaves_one_strain_fewer "
+    "without_strain_the_hessian_is_its_position_block paper_and_exact_kinds_differ_by_the_curvature_of_a_fixed_volume_only "
+    "a_crystal_at_contact_has_the_stiffness_of_the_closed_side unstressed_hessian_is_the_spring_network_of_the_rigidity_matrix "
+    "perturbation_energy_is_the_change_of_energy_at_rest",
+)
 _VERDICT = _tests("jamming", "guards verdict_softness verdict_assumptions programs load_gap gap_sensitivity verdict")
 _SELECTED = _tests("jamming", "settled gap_sensitivity verdict ambiguous verdict_assumptions jamming")
 _LINKED = _tests("jamming", "link_jamming")
@@ -116,7 +126,8 @@ TESTS: dict[str, tuple[str, ...]] = {
     ),
     "packmech/mechanics/hessian.py": (
         "packmech/mechanics/hessian.py",
-        *_tests("mechanics", "hessian stiffness_at_walls"),
+        *_HESSIAN,
+        *_tests("mechanics", "stiffness_at_walls"),
     ),
     "packmech/mechanics/assembly.py": _tests("mechanics", "hessian bonds_at_rest shaped"),
     "packmech/mechanics/system.py": _tests("mechanics", "hessian bonds_at_rest stiffness_at_walls"),
