@@ -88,8 +88,10 @@ _HESSIAN = _named(
     "strains_of_symmetric_gradients_alone_have_an_energy bad_input_gets_one_clear_error "
     "dynamical_matrix_is_the_hessian_weighted_with_masses_and_the_strain_scale "
     "default_strain_scale_is_the_side_of_a_cube_of_the_volume a_fixed_volume_leaves_one_strain_fewer "
-    "without_strain_the_hessian_is_its_position_block paper_and_exact_kinds_differ_by_the_curvature_of_a_fixed_volume_only "
-    "a_crystal_at_contact_has_the_stiffness_of_the_closed_side unstressed_hessian_is_the_spring_network_of_the_rigidity_matrix "
+    "without_strain_the_hessian_is_its_position_block "
+    "paper_and_exact_kinds_differ_by_the_curvature_of_a_fixed_volume_only "
+    "a_crystal_at_contact_has_the_stiffness_of_the_closed_side "
+    "unstressed_hessian_is_the_spring_network_of_the_rigidity_matrix "
     "perturbation_energy_is_the_change_of_energy_at_rest",
 )
 _VERDICT = _tests("jamming", "guards verdict_softness verdict_assumptions programs load_gap gap_sensitivity verdict")
