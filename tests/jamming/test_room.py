@@ -103,3 +103,43 @@ def test_an_ellipse_has_the_room_that_is_said_of_it_and_never_less_than_before()
         moved, room, _ = make_room(packing, near, rattling)
         after = pm.find_shape_contacts(moved, gap_tolerance=NEAR)
         assert abs(float((after.gap_c / after.contact_distance_c).min()) - room) < 1e-12 and room >= before
+
+
+@pytest.mark.parametrize("programs", [1, 2, 3])
+def test_after_as_few_programs_as_there_may_be_the_room_is_that_of_the_packing_all_the_same(programs, monkeypatch):
+    monkeypatch.setattr(room_of_rattlers, "_PROGRAMS", programs)
+    packing, rattling = caged([5e-5, 7e-5], off=(0.03, 0.02))
+    near = pm.find_contacts(packing, gap_tolerance=NEAR)
+    moved, room, _ = make_room(packing, near, rattling)
+    assert smallest_gap(packing, rattling) <= room and abs(smallest_gap(moved, rattling) - room) < 1e-15
+
+
+def test_an_ellipse_that_its_tips_hold_turns_away_from_what_they_touch():
+    """A tip is as far out as the disc around the ellipse: pairs are looked for as far as tips go when they turn."""
+    radius, semi = 1.0, 0.3 * np.sqrt(3.0)
+    place = [[5.0, 5.0], [5.0 - semi - radius - 4e-5, 5.0], [5.0 + semi + radius + 2e-5, 5.0]]
+    shapes = pm.Spheroids(np.array([3.0, 1.0, 1.0]), np.tile([1.0, 0.0], (3, 1)))
+    packing = pm.Packing(place, [0.3, radius, radius], pm.Box.cubic(10.0, 2), shapes=shapes)
+    rattling = np.array([True, False, False])
+    near = pm.find_shape_contacts(packing, gap_tolerance=NEAR)
+    before = float((near.gap_c / near.contact_distance_c).min())
+    assert len(near) == 2 and 0.0 < before < 2e-5
+    moved, room, _ = make_room(packing, near, rattling)
+    after = pm.find_shape_contacts(moved, gap_tolerance=NEAR)
+    assert before < room and abs(float((after.gap_c / after.contact_distance_c).min(initial=NEAR)) - room) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_bodies_of_discs_have_the_room_that_is_said_of_them_though_their_ends_swing_far(seed):
+    packing = pm.random_packing(10, dimension=2, packing_fraction=0.75, seed=seed, shapes=pm.Dimer())
+    rattling = np.arange(10) == 0
+
+    def room_of(packing):
+        near = pm.find_shape_contacts(packing, gap_tolerance=NEAR)
+        loose = rattling[near.i_c] | rattling[near.j_c]
+        return float((near.gap_c / near.contact_distance_c)[loose].min(initial=NEAR))
+
+    near = pm.find_shape_contacts(packing, gap_tolerance=NEAR)
+    moved, room, _ = make_room(packing, near, rattling)
+    assert abs(room_of(moved) - room) < 1e-12 and room >= room_of(packing)
+    assert np.array_equal(moved.position_nd[1:], packing.position_nd[1:])
