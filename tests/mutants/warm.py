@@ -14,14 +14,15 @@ import resource
 import signal
 import sys
 import tempfile
+import time
 import types
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-# a fork has none of its parent's threads, and may wait for one of them without end: so long at most [s]
-_LONGEST = 100
+# a fork has none of its parent's threads, and may wait for one of them without end: who does nothing for so long waits [s]
+_IDLE = 5.0
 _OPTIONS = ("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no")
 
 
@@ -95,6 +96,25 @@ def take(file: str, was: str, now: str) -> bool:
     return True
 
 
+def _end_of(child: int) -> int | None:
+    """Return how a process ended; None where it waited without end, and was killed."""
+    work = Path(f"/proc/{child}/stat")
+    before, since = "", time.monotonic()
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return status
+        time.sleep(0.05)
+        # its times in the program and in the system
+        now = " ".join(work.read_text().rpartition(")")[2].split()[11:13]) if work.is_file() else str(time.monotonic())
+        if now != before:
+            before, since = now, time.monotonic()
+        elif time.monotonic() - since > _IDLE:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return None
+
+
 class Warm:
     """The process in which tests of a copy of the checkout have been run once."""
 
@@ -118,7 +138,6 @@ class Warm:
                 try:
                     os.dup2(said.fileno(), 1)
                     os.dup2(said.fileno(), 2)
-                    signal.alarm(_LONGEST)
                     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
                     if take(fault.file, text, fault.put_into(text)):
                         for name in [one for one in sys.modules if one.startswith("tests.")]:
@@ -127,9 +146,11 @@ class Warm:
                 finally:
                     sys.stdout.flush()
                     os._exit(code)
-            status = os.waitpid(child, 0)[1]
+            status = _end_of(child)
+            if status is None:
+                return None
             said.seek(0)
             output = said.read().decode(errors="replace")
         code = os.waitstatus_to_exitcode(status)
         failed = re.search(r"^(?:FAILED|ERROR) ([^\s]+)", output, re.MULTILINE)
-        return None if code in (99, -signal.SIGALRM) else (code, failed.group(1) if failed else "")
+        return None if code == 99 else (code, failed.group(1) if failed else "")
