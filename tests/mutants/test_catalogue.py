@@ -1,9 +1,12 @@
 """The catalogue of small faults: its texts stand in their files, and a fault in a copy of the checkout is noticed."""
 
 import importlib.util
+import os
+import time
 from pathlib import Path
 
 import pytest
+from mutants import warm
 from mutants.catalogue import CATALOGUE, TESTS, Fault, read_drawn, stands
 from mutants.generate import changes, generated
 from mutants.warm import changed_functions
@@ -73,6 +76,18 @@ def test_a_fork_takes_what_changes_in_plain_functions_and_nothing_else():
 
     assert changed("-x", "x") == ["Law.force"] and changed("\n\n\n", "\n\n\n\n") == []
     assert changed("= 1.0", "= 2.0") is None and changed("= 2.0", "= 3.0") is None
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").is_file(), reason="what a process does is read from /proc")
+def test_a_fork_that_waits_without_end_is_ended_and_one_that_ends_says_how(monkeypatch):
+    monkeypatch.setattr(warm, "_IDLE", 0.5)
+    for seconds, ended in ((1000.0, None), (0.0, 3)):
+        child = os.fork()
+        if child == 0:
+            time.sleep(seconds)
+            os._exit(3)
+        status = warm._end_of(child)
+        assert status == ended or os.waitstatus_to_exitcode(status) == ended
 
 
 def test_a_fault_is_killed_by_a_test_that_notices_and_survives_one_that_does_not(tmp_path):

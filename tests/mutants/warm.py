@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-# a fork has none of its parent's threads, and may wait for one of them without end: who does nothing for so long waits [s]
+# a fork has none of its parent's threads, and may wait for one of them without end: it then does nothing, so long [s]
 _IDLE = 5.0
 _OPTIONS = ("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no")
 
