@@ -141,7 +141,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/effects/cohesion.py": _tests("effects", "cohesion"),
     "packmech/effects/pair.py": ("tests/test_extending.py", *_tests("dynamics", "contact_damping")),
     "packmech/effects/frictional_laws.py": _tests("effects", "frictional_laws"),
-    "packmech/contacts/network.py": _tests("contacts", "network given neighbors"),
+    "packmech/contacts/network.py": ("packmech/contacts/network.py", *_tests("contacts", "network")),
     "packmech/contacts/contact_distance.py": _tests("contacts", "contact_distance"),
     "packmech/contacts/crossing.py": _tests("contacts", "crossing"),
     "packmech/contacts/overlaps.py": _tests("contacts", "overlaps"),
