@@ -184,9 +184,10 @@ def test_defaults_are_those_that_are_written_down():
     assert found.weight_rise == found.weight_found == found.weight_failure == 10.0
 
 
-def test_of_equal_peaks_the_first_counts_and_no_stress_is_no_peak():
+@pytest.mark.parametrize("unit", [1.0, 1e-9])
+def test_of_equal_peaks_the_first_counts_and_no_stress_is_no_peak_in_any_unit(unit):
     goal = FindYieldStrain(drop=0.25, least_strain=0.02, resolution=0.02)
     path = [(0.0, 0.0), (0.03, 0.0), (0.04, 8.0), (0.05, 8.0), (0.06, 6.0)]
-    rows = scored(goal, [frame(strain=strain, shear=shear) for strain, shear in path])
+    rows = scored(goal, [frame(strain=strain, shear=shear * unit) for strain, shear in path])
     assert [row[2][7] for row in rows] == [0.0, 0.0, 0.04, 0.04, 0.04]
     assert [row[1] for row in rows] == [GOING] * 4 + [YIELDED]
