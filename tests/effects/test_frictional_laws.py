@@ -212,3 +212,17 @@ def test_a_law_within_a_law_is_kept_by_a_packing_file(tmp_path):
     law = pm.PlateauRepulsion(0.2, 0.7, 0.3, pm.DivergentRepulsion(2.0, 0.5, 100.0))
     pm.write_packing(pm.lattice_packing("square"), tmp_path / "a.npz", law=law)
     assert pm.read_law(tmp_path / "a.npz") == law
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        pm.DivergentRepulsion(divergence=0.0, cap=1.0), pm.DivergentRepulsion(divergence=1.0),
+        pm.PlateauRepulsion(slope=0.0), pm.PlateauRepulsion(slope=1.0), pm.PlateauRepulsion(begin=1.0, end=1.0),
+        pm.PlateauRepulsion(begin=0.5, end=0.5),
+    ],
+)  # fmt: skip
+def test_numbers_at_their_bounds_are_those_of_a_law(law):
+    packing = pm.Packing([[1.0, 1.0], [1.9, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    scene = pm.Scene(packing, (pm.Repulsion(law=law),))
+    assert pm.energy(scene) == pytest.approx(law_energy(law, 0.9, equal_partners(1.0)), rel=1e-12)
