@@ -56,7 +56,8 @@ _STILL = 1e-6
 _BALANCED = 1e-3
 _LOADED = 1e-10
 _REFINEMENTS = 4
-# overlaps that balance to this part of their mean are forces of such a balance
+# overlaps of which this part is more than what is unbalanced are forces of a balance: pairs that are bent by more from
+# a straight line squeeze what they touch out
 _SHOWN = 1e-6
 # the program's unknowns come out as 0 or 1: a solution with one this near to one half is inconclusive
 _SURE = 0.1
@@ -242,8 +243,7 @@ def _shown(
     net = np.abs(net + links.gradient_lx.T @ links.multipliers(net)).reshape(len(cluster_n), -1).max(axis=1)
     worst = np.zeros(int(cluster_n.max()) + 1)
     np.maximum.at(worst, cluster_n, net)
-    shown: NDArray[np.bool_] = (worst < _SHOWN * push[push > 0.0].mean())[owner] & (push > 10.0 * worst[owner])
-    return shown
+    return np.asarray(_SHOWN * push > worst[owner])
 
 
 @shown()

@@ -166,6 +166,23 @@ def test_a_link_that_jumps_over_another_one_is_seen_to_pass_through_it():
     assert not swept_links(before, aside, near_links(before, 1.0)).any()
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("turned", [(False, False), (True, False), (False, True), (True, True)])
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_link_that_is_pushed_endwise_onto_another_sweeps_it_from_either_side(side, turned, first):
+    """No link turns on the way, so the quadratic in time is linear: one of its coefficients is zero exactly."""
+    ends = np.array([[[2.0, 3.0], [3.0, 3.0]], [[2.5, 3.0 + 0.3 * side], [2.5, 3.0 + 1.3 * side]]])
+    ends = np.array([one[::-1] if back else one for one, back in zip(ends, turned, strict=True)])
+    moves = np.array([[0.0, 0.0], [0.0, -0.5 * side]])
+    order = [first, 1 - first]
+    links = pm.Links([0, 2], [1, 3], [[0, 0], [0, 0]], [1.0, 1.0])
+    before = pm.Packing(ends[order].reshape(4, 2), [0.1] * 4, pm.Box.cubic(6.0, 2), links)
+    near = near_links(before, 1.0)
+    for part, swept in ((1.0, True), (0.5, False), (-1.0, False)):
+        move = np.repeat(part * moves[order], 2, axis=0)
+        assert swept_links(before, before.replace(position_nd=before.position_nd + move), near).tolist() == [swept]
+
+
 def test_links_swept_through_are_those_whose_ends_pass_each_other_in_small_steps():
     """An independent look: which pairs change how they cross between any two of many small steps."""
     rng = np.random.default_rng(3)

@@ -99,3 +99,27 @@ def test_contacts_of_another_packing_of_as_many_particles_are_refused():
 def test_particles_may_have_moved_a_little_since_their_contacts_were_found():
     shaken = CRYSTAL.replace(position_nd=CRYSTAL.position_nd + 1e-8 * np.sin(np.arange(18)).reshape(9, 2))
     assert pm.classify_jamming(shaken, contacts=touching()).strict == "jammed"
+
+
+@pytest.mark.parametrize("overlap", [0.2, -0.05])
+def test_contacts_of_particles_that_overlap_or_are_apart_belong_by_their_sums_of_radii_or_by_their_distances(overlap):
+    packing = pm.lattice_packing("triangular", (3, 3), relative_overlap=overlap)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.1)
+    assert len(contacts) == 27
+    check_given(packing, contacts)
+    check_given(packing, replace(contacts, contact_distance_c=contacts.distance_c.copy()))
+    between = 0.5 * (contacts.distance_c + contacts.contact_distance_c)
+    with pytest.raises(ValueError, match="sums of radii or its distances, got .* for contact 0"):
+        check_given(packing, replace(contacts, contact_distance_c=between))
+
+
+@pytest.mark.parametrize(("way", "belong"), [(0.9e-6, True), (1.1e-6, False)])
+def test_particles_may_have_moved_by_a_millionth_of_their_distance(way, belong):
+    position = CRYSTAL.position_nd.copy()
+    position[4, 0] += way
+    moved = CRYSTAL.replace(position_nd=position)
+    if belong:
+        check_given(moved, touching())
+    else:
+        with pytest.raises(ValueError, match="vectors from center to center"):
+            check_given(moved, touching())

@@ -241,3 +241,23 @@ def test_contacts_are_chosen_by_masks_numbers_from_either_end_and_not_at_all():
     mask = np.arange(len(contacts)) == len(contacts) - 1
     assert contacts.select(mask).i_c.tolist() == contacts.select([-1]).i_c.tolist() == contacts.i_c[-1:].tolist()
     assert len(contacts.select([])) == len(contacts.select(np.zeros(0))) == 0
+
+
+@pytest.mark.parametrize("gap", [5e-13, 5e-11])
+def test_without_a_tolerance_pairs_that_touch_to_a_billionth_count_only_where_none_overlap(gap):
+    def row(overlap):
+        place = np.cumsum([1.0, 1.0 - overlap, 1.0 + gap])
+        return pm.Packing(np.stack([place, np.full(3, 2.0)], axis=1), [0.5] * 3, pm.Box.cubic(9.0, 2))
+
+    assert len(pm.find_contacts(row(1e-3), gap_tolerance=None)) == 1
+    assert len(pm.find_contacts(row(0.0), gap_tolerance=None)) == 2
+    assert len(pm.find_contacts(row(1e-3), gap_tolerance=1e-10)) == 2
+
+
+def test_points_of_contacts_lie_between_the_centers_as_radii_do_and_need_a_radius_for_each_particle():
+    packing = pm.Packing([[1.0, 1.0], [2.4, 1.0]], [1.0, 0.5], pm.Box.cubic(9.0, 2))
+    contacts = pm.find_contacts(packing)
+    assert np.allclose(contacts.points(packing.radius_n), [[1.4 / 1.5, 0.0]], rtol=1e-15)
+    for bad in (packing.radius_n[:1], packing.radius_n[:, None]):
+        with pytest.raises(ValueError, match=r"radius_n must have shape \(2,\), got"):
+            contacts.points(bad)

@@ -1,5 +1,6 @@
 """Facts about the laws of the frictional model: closed forms to rounding, limits, and where forces are capped."""
 
+import math
 from decimal import Decimal, localcontext
 
 import numpy as np
@@ -107,6 +108,13 @@ def test_without_divergence_the_law_is_the_linear_spring():
         assert one == pytest.approx(other, rel=1e-15)
 
 
+def test_without_divergence_the_cap_may_be_what_the_spring_pushes_with_at_most():
+    law = pm.DivergentRepulsion(stiffness=2.0, divergence=0.0, cap=1.0)
+    for distance in (0.9, 0.5, 0.0):
+        assert math.isclose(law.energy(distance, 1.0), (1.0 - distance) ** 2, rel_tol=1e-14)
+        assert math.isclose(-law.first(distance, 1.0), 2.0 * (1.0 - distance), rel_tol=1e-14)
+
+
 def test_no_overlap_pushes_harder_than_the_cap_times_stiffness_and_contact_distance():
     law = pm.DivergentRepulsion(2.0)
     force = [-law.first(r, 5.0) for r in (0.0, 1e-300, 1e-6, 5.0 / 1001.0 * 0.999)]
@@ -181,6 +189,9 @@ def test_plateau_and_saturating_tension_are_those_of_the_reference_package():
         (pm.DivergentRepulsion(divergence=1.5), r"effects\[0\].law.divergence must be from 0 to 1, got 1.5"),
         (pm.DivergentRepulsion(cap=0.5), r"effects\[0\].law.cap must be at least 1, got 0.5"),
         (pm.PlateauRepulsion(begin=0.9), r"effects\[0\].law.end must be at least begin and at most 1, got 0.8"),
+        (pm.PlateauRepulsion(slope=1.5), r"effects\[0\].law.slope must be at most 1, got 1.5"),
+        (pm.PlateauRepulsion(slope=-0.5), r"effects\[0\].law.slope must .*, got -0.5"),
+        (pm.PlateauRepulsion(begin=1.5, end=1.0), r"effects\[0\].law.begin must be above 0 and at most 1, got 1.5"),
         (pm.PlateauRepulsion(law=pm.Hertz(-1.0)), r"effects\[0\].law.law.energy_scale must be positive, got -1.0"),
         (pm.ExponentialTension(fraction=0.0), r"effects\[0\].law.fraction must be positive, got 0.0"),
     ],
@@ -201,3 +212,17 @@ def test_a_law_within_a_law_is_kept_by_a_packing_file(tmp_path):
     law = pm.PlateauRepulsion(0.2, 0.7, 0.3, pm.DivergentRepulsion(2.0, 0.5, 100.0))
     pm.write_packing(pm.lattice_packing("square"), tmp_path / "a.npz", law=law)
     assert pm.read_law(tmp_path / "a.npz") == law
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        pm.DivergentRepulsion(divergence=0.0, cap=1.0), pm.DivergentRepulsion(divergence=1.0),
+        pm.PlateauRepulsion(slope=0.0), pm.PlateauRepulsion(slope=1.0), pm.PlateauRepulsion(begin=1.0, end=1.0),
+        pm.PlateauRepulsion(begin=0.5, end=0.5),
+    ],
+)  # fmt: skip
+def test_numbers_at_their_bounds_are_those_of_a_law(law):
+    packing = pm.Packing([[1.0, 1.0], [1.9, 1.0]], [0.5, 0.5], pm.Box.cubic(4.0, 2))
+    scene = pm.Scene(packing, (pm.Repulsion(law=law),))
+    assert pm.energy(scene) == pytest.approx(law_energy(law, 0.9, equal_partners(1.0)), rel=1e-12)

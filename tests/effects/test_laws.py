@@ -180,6 +180,11 @@ def test_an_effect_of_zero_strength_equals_an_absent_one():
 def test_unit_of_energy_is_the_energy_scale_or_the_stiffness_times_length_squared():
     assert energy_scale_of((pm.ContactDamping(), pm.Repulsion(law=pm.Hertz(2.5))), 3.0) == 2.5
     assert energy_scale_of((pm.Repulsion(law=pm.LinearSpring(2.0)),), 3.0) == 18.0
+    assert energy_scale_of((pm.Repulsion(law=pm.ElasticSpheres(2.0)),), 3.0) == 54.0
+    # of a law that goes by another one, that one's; of one for each pair of kinds, the largest
+    assert energy_scale_of((pm.Repulsion(law=pm.PlateauRepulsion(law=pm.LinearSpring(2.0))),), 3.0) == 18.0
+    kinds = pm.LawByKind([[pm.Harmonic(1.0), pm.Harmonic(5.0)], [pm.Harmonic(5.0), pm.Harmonic(2.0)]])
+    assert energy_scale_of((pm.Repulsion(law=kinds),), 3.0) == 5.0
 
 
 def monomial(exponent):

@@ -4,6 +4,7 @@ Each lie fails one guard only; with that guard taken out it would be believed.
 """
 
 import pathlib
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +15,12 @@ import packmech as pm
 from packmech.jamming import certificates
 from packmech.jamming.certificates import (
     BALANCE,
+    CLOSE,
+    EARLY,
     NET_FORCES,
     ROUNDING,
     Finding,
+    attempts,
     borne,
     certify,
     closes_nothing,
@@ -148,6 +152,52 @@ def test_forces_in_exact_balance_are_known_to_rounding_of_the_contacts_direction
     # rows wrong by e move a state of self stress by e |w| / s; the floppy crystal's s is put in by hand
     least = 0.1 * np.sqrt(cone.largest_eigenvalue)
     assert force_error(cone, 0.1, weight) > np.finfo(float).eps * np.linalg.norm(weight) / least
+
+
+def test_the_error_of_exact_forces_grows_as_their_sum_of_squares_and_as_the_box_over_a_diameter():
+    def error(repeats):
+        square = pm.lattice_packing("square", repeats=(repeats, repeats))
+        cone = motion_cone(square, pm.find_contacts(square, gap_tolerance=1e-9), strain="none")
+        return force_error(cone, 0.1, np.ones(cone.rows.shape[0]))
+
+    assert error(8) / error(4) == pytest.approx(2.0 * 2.0, rel=1e-2)
+
+
+def test_solvers_are_asked_more_closely_and_then_by_the_simplex_unless_they_were_already(cone):
+    assert attempts(cone, "clarabel", 1e-6) == [("clarabel", 1e-6), ("clarabel", CLOSE), ("highs", 1e-6)]
+    for tolerance in (CLOSE, 0.1 * CLOSE):
+        assert attempts(cone, "clarabel", tolerance) == [("clarabel", tolerance), ("highs", tolerance)]
+    assert attempts(cone, "highs", 1e-6) == [("highs", 1e-6)]
+
+
+def test_loads_are_answered_in_the_seconds_that_they_take(cone):
+    begun = time.process_time()
+    answer = yield_to_loads(cone, np.random.default_rng(0), tolerance=1e-8, solver="clarabel")
+    assert answer.jammed and 0.0 <= sum(one.seconds for one in answer.solves) <= time.process_time() - begun
+
+
+@pytest.mark.parametrize(
+    ("options", "asked"),
+    [
+        ({}, [EARLY]),
+        ({"tolerance": EARLY}, [EARLY]),
+        ({"fallback": False}, [1e-8, 1e-8]),
+        ({"bound": "box"}, [1e-8, 1e-8]),
+    ],
+    ids=["default", "rough", "once", "box"],
+)
+def test_multipliers_of_the_first_rough_program_settle_both_loads_and_without_them_each_is_asked_once(
+    cone, monkeypatch, options, asked
+):
+    tolerances, solve = [], certificates.yield_to_load
+
+    def recorded(cone, load, **given):
+        tolerances.append(given["tolerance"])
+        return solve(cone, load, **given)
+
+    monkeypatch.setattr(certificates, "yield_to_load", recorded)
+    assert yield_to_loads(cone, np.random.default_rng(0), **options).jammed
+    assert tolerances == asked
 
 
 def test_a_volume_that_pulls_proves_nothing(cone, true_weight):

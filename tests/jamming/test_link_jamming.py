@@ -311,3 +311,31 @@ def test_a_single_particle_packing_has_no_fields_of_clusters():
     verdict = pm.classify_jamming(pm.lattice_packing("triangular", (3, 3)))
     assert verdict.cluster_n is None and verdict.collectively.link_tension_l is None
     assert np.array_equal(verdict.rattling_clusters, verdict.rattlers)
+
+
+@pytest.mark.parametrize("strain", ["none", "isochoric", "free"])
+def test_a_motion_that_keeps_the_rules_changes_no_link_and_does_not_enlarge_the_box(linked, strain):
+    packing = linked("jammed_trimer_fixedbox")[0].packing
+    cone = motion_cone(packing, pm.find_contacts(packing), strain=strain)
+    for seed in range(4):
+        motion = np.random.default_rng(seed).normal(size=cone.unknowns)
+        kept = cone.keeping_rules(motion)
+        assert np.abs(cone.held @ motion).max() > 0.1 and np.abs(cone.held @ kept).max() < 1e-14
+        assert (cone.one_sided @ kept > -1e-14).all()
+        # what keeps them already stays
+        assert np.abs(cone.keeping_rules(kept) - kept).max() < 1e-14
+
+
+@pytest.mark.parametrize("strain", ["isochoric", "free"])
+def test_where_links_around_the_box_hold_all_strains_no_rule_for_the_volume_is_left(strain):
+    crystal = pm.lattice_packing("triangular", repeats=(4, 4))
+    box = crystal.box.lattice_dd
+    sides = np.array([[1, 0], [0, 1], [1, -1]])
+    hole = crystal.position_nd[0] + (box[:, 0] + box[:, 1]) / 12.0
+    links = pm.Links([16] * 3, [16] * 3, sides, np.linalg.norm(sides @ box.T, axis=1))
+    packing = pm.Packing(np.vstack([crystal.position_nd, hole]), np.append(crystal.radius_n, 0.02), crystal.box, links)
+    cone = motion_cone(packing, pm.find_contacts(packing, gap_tolerance=1e-9), strain=strain)
+    rules = np.vstack([cone.held.toarray(), cone.one_sided.toarray()])
+    assert len(rules) == cone.bound_rows == np.linalg.matrix_rank(rules) == 3
+    kept = cone.keeping_rules(np.random.default_rng(0).normal(size=cone.unknowns))
+    assert np.abs(kept[-3:]).max() < 1e-14 and np.abs(kept).max() > 0.1

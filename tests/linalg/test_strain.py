@@ -12,6 +12,7 @@ from packmech.linalg.mandel import (
     stiffness_component,
     stiffness_tensor,
     strain_components,
+    strain_directions,
     trace_vector,
 )
 
@@ -57,3 +58,13 @@ def test_components_of_a_stiffness_are_those_of_its_tensor(size):
     strain = np.random.default_rng(4).normal(size=size)
     stress = np.einsum("abcd,cd->ab", tensor, mandel_tensor(strain))
     np.testing.assert_allclose(mandel_vector(stress), matrix @ strain, atol=1e-13)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_strains_that_a_box_may_make_are_all_none_the_isotropic_one_or_those_of_no_trace(dimension):
+    trace, count = trace_vector(dimension), strain_components(dimension)
+    assert np.array_equal(strain_directions(dimension, "free"), np.eye(count))
+    assert strain_directions(dimension, "none").shape == (count, 0)
+    assert np.array_equal(strain_directions(dimension, "isochoric"), isochoric_basis(dimension))
+    isotropic = strain_directions(dimension, "isotropic")
+    assert isotropic.shape == (count, 1) and np.allclose(isotropic[:, 0], trace / np.linalg.norm(trace), rtol=1e-15)

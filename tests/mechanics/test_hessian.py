@@ -11,6 +11,7 @@ from packmech.contacts import pair_contacts
 from packmech.effects import contact_terms
 from packmech.linalg.mandel import isochoric_basis, mandel_tensor, mandel_vector
 from packmech.measure.stress import sum_forces
+from packmech.mechanics.hessian import is_stable
 
 LAW_NAMES = ["harmonic", "hertz", "power 3", "lennard-jones", "spring", "user's"]
 
@@ -281,3 +282,29 @@ def test_pairs_through_several_images_add_up():
     np.testing.assert_array_equal(again.distance_c, contacts.distance_c)
     found, expected = pm.hessian(scene).toarray(), numerical_hessian(scene, 5e-5)
     assert np.abs(found - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def test_crystals_are_stable_where_every_motion_and_in_a_box_of_free_shape_every_strain_takes_work():
+    def stable(name, repeats, overlap, strain):
+        packing = pm.lattice_packing(name, repeats=repeats, relative_overlap=overlap)
+        return is_stable(pm.Scene(packing, (pm.Repulsion(),)), strain=strain)
+
+    for strain in ("none", "isochoric"):
+        assert stable("triangular", (3, 3), 0.01, strain) and stable("fcc", (2, 2, 2), 0.01, strain)
+        # rows of a square crystal slide; of a triangular one they shear away beyond an overlap of one quarter
+        assert not stable("square", (2, 2), 0.01, strain)
+    assert not stable("triangular", (3, 3), 0.26, "isochoric")
+    # one particle cannot slide past itself, but its box may be sheared
+    assert stable("square", (1, 1), 0.01, "none") and not stable("square", (1, 1), 0.01, "isochoric")
+    # nothing that touches nothing is stable, nor is what is left without its rattlers
+    apart = pm.lattice_packing("square", repeats=(2, 2)).replace(radius_n=np.full(4, 0.1))
+    assert not is_stable(pm.Scene(apart, (pm.Repulsion(),)), strain="none")
+
+
+def test_strains_of_symmetric_gradients_alone_have_an_energy():
+    packing = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+    scene, still = pm.Scene(packing, (pm.Repulsion(),)), np.zeros((9, 2))
+    assert pm.perturbation_energy(scene, still, strain_dd=np.zeros((2, 2))) == 0.0
+    assert pm.perturbation_energy(scene, still, strain_dd=[[0.0, 1e-3], [1e-3, 0.0]]) > 0.0
+    with pytest.raises(ValueError, match="strain_dd must be symmetric, got"):
+        pm.perturbation_energy(scene, still, strain_dd=[[0.0, 1e-3], [0.0, 0.0]])

@@ -312,3 +312,43 @@ def test_cluster_that_rattles_as_a_whole_is_one_and_goes_as_a_whole():
     assert named(verdict.rattlers) == named(verdict.rattling_clusters) == named(verdict.danglers) == last
     left, _ = pm.remove_rattlers(packing)
     assert not left.links and left.particles == 35
+
+
+def squeezed(bend, overlap):
+    """Return a crystal with a tiny dimer in a vacancy and, in another, a disc in touch with two of its neighbors.
+
+    These are bent by an angle from a straight line; at 60 degrees they are the two below.
+    """
+    crystal = pm.lattice_packing("triangular", (8, 8), relative_overlap=0.01)
+    radius, side = crystal.radius_n.copy(), crystal.box.lattice_dd[0, 0] / 8.0
+    away = crystal.position_nd - crystal.position_nd[27]
+    # the two neighbors that the disc touches
+    angle = np.radians([180.0 + bend, -bend]) if bend >= 30.0 else np.array([np.pi, 0.0])
+    chosen = [int(np.linalg.norm(away - side * np.array([np.cos(one), np.sin(one)]), axis=1).argmin()) for one in angle]
+    place = crystal.position_nd[27].copy()
+    if bend < 30.0:
+        # larger than the others, so that these do not touch it, and a little below it
+        radius[chosen] *= 1.1
+        place[1] += side * np.tan(np.radians(bend))
+    else:
+        place[1] -= 0.2 * side
+    distance = np.linalg.norm(crystal.position_nd[chosen] - place, axis=1)
+    disc = distance[0] / (1.0 - overlap) - radius[chosen[0]]
+    ends = crystal.position_nd[45] + 0.05 * side * np.array([[-1.0, 0.0], [1.0, 0.0]])
+    kept = np.setdiff1d(np.arange(64), [27, 45])
+    count = len(kept)
+    links = pm.Links([count + 1], [count + 2], [[0, 0]], [0.1 * side])
+    packing = pm.Packing(
+        np.vstack([crystal.position_nd[kept], place, ends]), np.concatenate([radius[kept], [disc, 0.01, 0.01]]),
+        crystal.box, links,
+    )  # fmt: skip
+    return packing, count
+
+
+@pytest.mark.parametrize(("bend", "overlap"), [(0.25, 1e-4), (0.25, 1e-9), (60.0, 1e-9), (60.0, 1e-3)])
+def test_a_disc_that_two_others_squeeze_out_rattles_however_straight_they_stand_and_however_little_they_overlap(
+    bend, overlap
+):
+    packing, disc = squeezed(bend, overlap)
+    assert pm.find_contacts(packing).count_n()[disc] == 2
+    assert named(pm.find_rattlers(packing)) == [disc, disc + 1, disc + 2]

@@ -183,6 +183,13 @@ def test_counting_by_inertia_gives_the_histogram_of_all_modes(rest_scene, partic
     assert counted.count_b.sum() == modes.available == counted.modes
 
 
+@pytest.mark.parametrize("overlap", [0.0, 1e-12, 1e-11])
+def test_rows_that_slide_are_zero_modes_above_an_edge_at_zero_though_the_least_pressure_makes_them_fall(overlap):
+    """A square crystal slides along each row and column: 2 (n - 1) zero modes, which pressure lets fall."""
+    scene = crystal_scene("square", (5, 5), overlap)
+    assert pm.density_of_states(scene, [-1.0, 0.0, 1e-3, 10.0], gap_tolerance=1e-9).count_b.tolist() == [0, 8, 40]
+
+
 @pytest.mark.parametrize("name", ["triangular", "square"])
 def test_density_of_states_integrates_to_one(name):
     for overlap in (0.0, 0.05):

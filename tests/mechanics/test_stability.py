@@ -83,3 +83,10 @@ def test_a_packing_at_rest_with_rattlers_has_no_unstable_direction():
     packing = pm.random_packing(64, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.86, seed=3)
     run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-12)
     assert pm.find_rattlers(run.packing).any() and stability(pm.Scene(run.packing, (pm.Repulsion(),))).negative == 0
+
+
+@pytest.mark.parametrize("energy_scale", [1e-12, 1e12])
+def test_the_unit_of_energy_makes_nothing_stable_and_nothing_fall(energy_scale):
+    for scene in (row(3, 1e-8, 2), row(3, 0.05, 2), row(3, 1e-11, 2)):
+        other = scene.replace(effects=(pm.Repulsion(law=pm.Harmonic(energy_scale)),))
+        assert stability(other).negative == stability(scene).negative

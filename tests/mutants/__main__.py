@@ -1,12 +1,13 @@
 """Small faults, put one by one into a copy of the checkout, and whether a test fails because of each.
 
     python tests/mutants [--file PATTERN ...] [--guards] [--table tests/mutants/results.md]
-    python tests/mutants --generate packmech/mechanics/stability.py --seed 0 --count 20
+    python tests/mutants --generate packmech/mechanics/stability.py --seed 0 --count 20 [--keep]
 
 A fault of the catalogue is a text that stands once in a file and what stands in its place; generated ones are made from
-the syntax tree. The tests that should notice are run in the copy: a fault is killed where one of them fails or the
-limit of CPU time is reached, and survives where all pass. Those that are named as equivalent change no answer, and are
-not run. The outcomes go to a table, in which one run's stand beside those of others.
+the syntax tree, and those that were kept (`drawn.json`) belong to the catalogue as long as their texts stand. The tests
+that should notice are run in the copy: a fault is killed where one of them fails or the limit of CPU time is reached,
+and survives where all pass. Those that are named as equivalent change no answer, and are not run. The outcomes go to a
+table, in which one run's stand beside those of others.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
-from mutants.catalogue import CATALOGUE, TESTS, Fault  # noqa: E402
+from mutants.catalogue import CATALOGUE, TESTS, Fault, keep_drawn, part_of, read_drawn, stands  # noqa: E402
 from mutants.generate import generated  # noqa: E402
 from mutants.warm import Warm  # noqa: E402
 
@@ -83,6 +84,8 @@ def run_tests(here: Path, tests: tuple[str, ...], seconds: int) -> tuple[str, st
     failed = re.search(r"^(?:FAILED|ERROR) ([^\s]+)", said, re.MULTILINE)
     if process.returncode in (1, 2) and failed:
         return KILLED, failed.group(1)
+    if process.returncode in (2, 4) and re.search("while loading conftest|errors? during collection", said):
+        return KILLED, "no module that imports it"
     raise SystemExit(f"tests could not be run, pytest ended with {process.returncode}:\n{said[-2000:]}")
 
 
@@ -92,10 +95,9 @@ def outcome(here: Path, fault: Fault, seconds: int, warm: Warm | None = None) ->
     began = time.perf_counter()
     if warm is not None:
         ended = warm.outcome(fault, text, fault.tests or TESTS[fault.file], seconds)
-        if ended is not None:
+        # tests that could not be run at all are looked at in a process of their own
+        if ended is not None and ended[0] <= 2:
             code, by = ended
-            if code > 2:
-                raise SystemExit(f"tests could not be run, pytest ended with {code} for {fault.what!r}")
             found = SURVIVED if code == 0 else TOO_LONG if -code in _LIMITS else KILLED
             return found, by, time.perf_counter() - began
     write(here, fault.file, fault.put_into(text))
@@ -129,9 +131,14 @@ def _line(row: tuple[str, ...]) -> str:
 
 
 def counts(rows: dict[tuple[str, str], tuple[str, ...]]) -> list[str]:
-    """Return the counts in words, of all faults and of those that take a guard of a verdict away."""
-    found = []
-    for name, kept in (("all", list(rows.values())), ("guards of verdicts", [r for r in rows.values() if r[2]])):
+    """Return the counts in words, of all faults, of those that take a guard of a verdict away, and of each part."""
+    found, every = [], list(rows.values())
+    parts = {part_of(row[0]): [one for one in every if part_of(one[0]) == part_of(row[0])] for row in every}
+    for name, kept in (
+        ("all", every),
+        ("guards of verdicts", [row for row in every if row[2]]),
+        *sorted(parts.items()),
+    ):
         count = Counter(row[3] for row in kept)
         killed, survived = count[KILLED] + count[TOO_LONG], count[SURVIVED]
         tried = killed + survived
@@ -163,6 +170,7 @@ def main() -> int:
     parser.add_argument("--check", action="store_true", help="run the tests without any fault first: they must pass")
     parser.add_argument("--warm", action="store_true", help="in forks of one process that has run the tests")
     parser.add_argument("--generate", nargs="*", default=[], metavar="FILE", help="make faults from these files")
+    parser.add_argument("--keep", action="store_true", help="keep what is generated with the catalogue")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=20, help="of generated faults for each file")
     parser.add_argument("--tests", nargs="*", default=[], help="to run, instead of those that the catalogue names")
@@ -171,9 +179,11 @@ def main() -> int:
     parser.add_argument("--table", type=Path, default=ROOT / "tests" / "mutants" / "results.md")
     asked = parser.parse_args()
     rows, began = read_table(asked.table), time.perf_counter()
-    faults = list(CATALOGUE)
+    faults = [*CATALOGUE, *(one for one in read_drawn() if stands(one, ROOT))]
     if asked.generate:
         faults = [one for file in asked.generate for one in generated(ROOT, file, asked.seed, asked.count)]
+    if asked.generate and asked.keep:
+        keep_drawn(faults)
     faults = [
         one._replace(tests=tuple(asked.tests) or one.tests)
         for one in faults

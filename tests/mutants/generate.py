@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -69,7 +70,10 @@ def changes(text: str) -> Iterator[tuple[str, tuple[int, int, str]]]:
                 yield f"line {node.lineno}: {was} is {now}", found
         elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not | ast.Invert | ast.USub):
             start, first = ends(node)[0], ends(node.operand)[0]
-            yield f"line {node.lineno}: {letters[start:first].strip(' (')} dropped", (start, first, "")
+            # parentheses around what it acts on stay
+            found = re.match(r"(not|~|-)\s*", letters[start:first])
+            if found:
+                yield f"line {node.lineno}: {found.group(1)} dropped", (start, start + found.end(), "")
         elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
             value = 2 * node.value or type(node.value)(1)
             yield f"line {node.lineno}: {node.value!r} is {value!r}", (*ends(node), repr(value))
@@ -83,16 +87,58 @@ def changes(text: str) -> Iterator[tuple[str, tuple[int, int, str]]]:
             yield f"line {node.lineno}: the condition is False", (first, last, "False")
 
 
+# a text of so many letters around a change makes it stand once in most files
+_AROUND = 12
+
+
+def _around(text: str, start: int, end: int) -> tuple[int, int]:
+    """Return the bounds of a text around a change that stands once in its file and holds whole words."""
+    first, last = start, end
+    for wide in range(_AROUND, len(text) + _AROUND, _AROUND):
+        first, last = max(start - wide, 0), min(end + wide, len(text))
+        while first > 0 and text[first - 1 : first + 1].strip().isalnum():
+            first -= 1
+        while last < len(text) and text[last - 1 : last + 1].strip().isalnum():
+            last += 1
+        if text.count(text[first:last]) == 1:
+            break
+    return first, last
+
+
+def _owners(text: str) -> list[tuple[int, int, str]]:
+    """Return the lines of each function and class, first to last, and its qualified name, inner ones last."""
+    found = []
+
+    def look(node: ast.AST, within: str) -> None:
+        for one in ast.iter_child_nodes(node):
+            name = within
+            if isinstance(one, ast.FunctionDef | ast.ClassDef):
+                name = f"{within}.{one.name}" if within else one.name
+                found.append((one.lineno, one.end_lineno or 0, name))
+            look(one, name)
+
+    look(ast.parse(text), "")
+    return found
+
+
 def generated(root: Path, file: str, seed: int, count: int) -> list[Fault]:
-    """Return so many faults of a file, drawn from all that the rules make; the same seed draws the same."""
+    """Return so many faults of a file, drawn from all that the rules make; the same seed draws the same.
+
+    A fault is named by its function, by what changes and by how often that was there before in the function.
+    """
     text = (root / file).read_text(encoding="utf-8")
-    found = list(changes(text))
+    data, owners = text.encode(), _owners(text)
+    found, seen = [], Counter[str]()
+    for what, (first, last, now) in changes(text):
+        line, _, change = what.removeprefix("line ").partition(": ")
+        owner = [name for begin, end, name in owners if begin <= int(line) <= end]
+        name = f"{owner[-1] if owner else 'module'}: {change}"
+        seen[name] += 1
+        start, end = len(data[:first].decode()), len(data[:last].decode())
+        found.append((f"{name} ({seen[name]})" if seen[name] > 1 else name, start, end, now))
     chosen = np.sort(np.random.default_rng(seed).permutation(len(found))[:count])
     faults = []
-    for k in chosen:
-        what, (start, end, now) = found[k]
-        data = text.encode()
-        column = start - data.rfind(b"\n", 0, start)
-        whole = (data[:start] + now.encode() + data[end:]).decode()
-        faults.append(Fault(file, f"{what}, column {column}", text, whole))
+    for name, start, end, now in (found[k] for k in chosen):
+        low, high = _around(text, start, end)
+        faults.append(Fault(file, name, text[low:high], text[low:start] + now + text[end:high]))
     return faults

@@ -11,14 +11,18 @@ import importlib
 import os
 import re
 import resource
+import signal
 import sys
 import tempfile
+import time
 import types
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+# a fork has none of its parent's threads, and may wait for one of them without end: it then does nothing, so long [s]
+_IDLE = 5.0
 _OPTIONS = ("-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no")
 
 
@@ -92,6 +96,25 @@ def take(file: str, was: str, now: str) -> bool:
     return True
 
 
+def _end_of(child: int) -> int | None:
+    """Return how a process ended; None where it waited without end, and was killed."""
+    work = Path(f"/proc/{child}/stat")
+    before, since = "", time.monotonic()
+    while True:
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            return status
+        time.sleep(0.05)
+        # its times in the program and in the system
+        now = " ".join(work.read_text().rpartition(")")[2].split()[11:13]) if work.is_file() else str(time.monotonic())
+        if now != before:
+            before, since = now, time.monotonic()
+        elif time.monotonic() - since > _IDLE:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return None
+
+
 class Warm:
     """The process in which tests of a copy of the checkout have been run once."""
 
@@ -123,7 +146,9 @@ class Warm:
                 finally:
                     sys.stdout.flush()
                     os._exit(code)
-            status = os.waitpid(child, 0)[1]
+            status = _end_of(child)
+            if status is None:
+                return None
             said.seek(0)
             output = said.read().decode(errors="replace")
         code = os.waitstatus_to_exitcode(status)
