@@ -149,10 +149,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/contacts/given.py": _tests("contacts", "given"),
     "packmech/contacts/coulomb_limit.py": _tests("contacts", "coulomb_limit"),
     "packmech/dynamics/pair_forces.py": _tests("dynamics", "touching"),
-    "packmech/minimize/passes/kernels.py": _named(
-        "minimize/test_program",
-        "forces_are_minus_the_gradient_of_the_energy energy_forces_and_stress_are_those_of_the_measures_in_any_box "
-        "the_skin_of_the_lists_changes_no_bit_of_a_run",
+    "packmech/minimize/passes/kernels.py": (
+        *_named(
+            "minimize/test_program",
+            "forces_are_minus_the_gradient_of_the_energy energy_forces_and_stress_are_those_of_the_measures_in_any_box "
+            "the_skin_of_the_lists_changes_no_bit_of_a_run",
+        ),
+        "tests/minimize/test_shape_minimizers.py::test_forces_on_coordinates_are_slopes_of_the_energy",
     ),
     "packmech/linalg/mandel.py": _tests("linalg", "strain"),
     "envs/packmech_envs/quench.py": ("envs/packmech_envs/quench.py", *_tests("envs", "quench_episodes"), *_QUENCHED),
