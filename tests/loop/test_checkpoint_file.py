@@ -79,6 +79,13 @@ def test_an_archive_of_other_things_is_refused_by_what_it_lacks(tmp_path):
         read_checkpoint(tmp_path / "other.npz", "a test")
 
 
+def test_what_is_no_archive_at_all_is_said_to_be_none(tmp_path):
+    for content in (b"", b"a text", b"\x93NUMPY"):
+        (tmp_path / "text.npz").write_bytes(content)
+        with pytest.raises(ValueError, match="it is not a .npz file"):
+            read_checkpoint(tmp_path / "text.npz", "a test")
+
+
 def test_threads_that_write_at_once_leave_one_whole_file(path, tmp_path):
     failures = []
 

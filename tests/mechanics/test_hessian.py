@@ -308,3 +308,15 @@ def test_strains_of_symmetric_gradients_alone_have_an_energy():
     assert pm.perturbation_energy(scene, still, strain_dd=[[0.0, 1e-3], [1e-3, 0.0]]) > 0.0
     with pytest.raises(ValueError, match="strain_dd must be symmetric, got"):
         pm.perturbation_energy(scene, still, strain_dd=[[0.0, 1e-3], [0.0, 0.0]])
+
+
+@pytest.mark.parametrize("held", [(), (4, 5)])
+def test_links_leave_one_motion_fewer_each_and_what_is_held_none(held):
+    packing = pm.lattice_packing("triangular", repeats=(3, 3))
+    vector = packing.position_nd[1] - packing.position_nd[0]
+    packing = packing.replace(links=pm.Links([0], [1], [[0, 0]], [float(np.linalg.norm(vector))]))
+    effects = (pm.Repulsion(), *([pm.FixedParticles(held)] if held else []))
+    matrix = pm.dynamical_matrix(pm.Scene(packing, effects), "none", gap_tolerance=1e-9)
+    matrix = matrix.toarray() if hasattr(matrix, "toarray") else np.asarray(matrix)
+    assert matrix.shape == (18 - 1 - 2 * len(held),) * 2
+    assert np.allclose(matrix, matrix.T) and np.linalg.eigvalsh(matrix)[0] > -1e-12

@@ -85,7 +85,8 @@ _LAWS = _named(
 _HESSIAN = _named(
     "mechanics/test_hessian",
     "crystals_are_stable_where_every_motion_and_in_a_box_of_free_shape_every_strain_takes_work "
-    "strains_of_symmetric_gradients_alone_have_an_energy bad_input_gets_one_clear_error "
+    "strains_of_symmetric_gradients_alone_have_an_energy links_leave_one_motion_fewer_each_and_what_is_held_none "
+    "bad_input_gets_one_clear_error "
     "dynamical_matrix_is_the_hessian_weighted_with_masses_and_the_strain_scale "
     "default_strain_scale_is_the_side_of_a_cube_of_the_volume a_fixed_volume_leaves_one_strain_fewer "
     "without_strain_the_hessian_is_its_position_block "
@@ -148,10 +149,13 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/contacts/given.py": _tests("contacts", "given"),
     "packmech/contacts/coulomb_limit.py": _tests("contacts", "coulomb_limit"),
     "packmech/dynamics/pair_forces.py": _tests("dynamics", "touching"),
-    "packmech/minimize/passes/kernels.py": _named(
-        "minimize/test_program",
-        "forces_are_minus_the_gradient_of_the_energy energy_forces_and_stress_are_those_of_the_measures_in_any_box "
-        "the_skin_of_the_lists_changes_no_bit_of_a_run",
+    "packmech/minimize/passes/kernels.py": (
+        *_named(
+            "minimize/test_program",
+            "forces_are_minus_the_gradient_of_the_energy energy_forces_and_stress_are_those_of_the_measures_in_any_box "
+            "the_skin_of_the_lists_changes_no_bit_of_a_run",
+        ),
+        "tests/minimize/test_shape_minimizers.py::test_forces_on_coordinates_are_slopes_of_the_energy",
     ),
     "packmech/linalg/mandel.py": _tests("linalg", "strain"),
     "envs/packmech_envs/quench.py": ("envs/packmech_envs/quench.py", *_tests("envs", "quench_episodes"), *_QUENCHED),
