@@ -21,7 +21,7 @@ from packmech.packing import Packing
 from packmech.protocols.method import JamMethod
 from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
-from packmech.protocols.soft import follow_pressure, search_pressure
+from packmech.protocols.soft import follow_pressure, press_large, search_pressure
 from packmech.result import Outcome
 
 # the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
@@ -329,6 +329,9 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
     """
     goal = protocol.reduced_pressure(pressure)
     tolerance = protocol.force_tolerance
+    if hard.packing.particles >= _LARGE:
+        state = press_large(protocol, hard, goal)
+        return protocol.restored(state.packing), judge(state, tolerance)
     with protocol.stage("soft packing") as figures:
         units, watch = protocol.units, protocol.in_time
         state = follow_pressure(hard, units, protocol.basis_kdd, goal, tolerance=tolerance, watch=watch)
@@ -337,4 +340,4 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
         protocol.last = protocol.restored(state.packing)
     if state.reached < 1.0:
         state = search_pressure(protocol, state.packing, goal)
-    return protocol.restored(state.packing), judge(state, protocol.force_tolerance)
+    return protocol.restored(state.packing), judge(state, tolerance)
