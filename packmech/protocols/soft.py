@@ -27,7 +27,7 @@ _FIRE_STEPS = 30_000
 # largest number of Newton's steps from one packing on a way to the next
 _NEWTON_STEPS = 25
 # mean relative overlap up to which the soft packing is as good as one linear step from the hard one
-_FIRST_DEPTH = 1e-7
+FIRST_DEPTH = 1e-7
 # gaps up to this fraction of the contact distance may close on the way to the first soft packing
 _NEAR = 1e-3
 _SWITCHES = 60
@@ -41,9 +41,12 @@ _MINIMUM_DEPTH = 1e-11
 _DEEPER = StepLengths(
     next=math.log(4.0), longest=math.log(4.0), growth=1.5, shortest=2.0 * math.log(1.02)
 )  # fmt: skip
-# Mean relative overlap up to which the first soft packing is where FIRE begins in a large one, and beyond which the hard
-# one with its box shrunk is. Measured at N = 1024 in the plane, seconds of FIRE and Newton's method: at 3e-7 .06 to .15
-# and .13 to 1.98, at 1e-6 .07 to 1.8 and .13 to 2.1, at 1e-5 .5 to 3.3 and .2 to 1.9; .5 to 2.2 with steps followed.
+# Large packings rearrange at so many pressures that steps that fail are halved only once: FIRE finds the way sooner.
+_LARGE, _GIVEN_UP = 1000, math.log(2.0)
+# Mean relative overlap up to which FIRE begins at the first soft packing of a large one, beyond which at the hard one
+# with its box shrunk. Measured at N = 1024 in the plane, seconds of FIRE and Newton's method from the first and from
+# the shrunk one: at 1e-6 .07 to 1.8 and .13 to 2.1, at 1e-5 .5 to 3.3 and .2 to 1.9; where steps were followed before
+# .13 to 2.2 and .6 to 1.5.
 _LINEAR = 1e-6
 
 
@@ -192,7 +195,7 @@ def _lowest(
     return 1.0 if abs(middle - 1.0) < 1e-9 else middle
 
 
-def _depth(hard: HardPacking, units: Units, pressure: float) -> float:
+def depth_asked(hard: HardPacking, units: Units, pressure: float) -> float:
     """Return the mean relative overlap that the forces of a hard packing ask for at a pressure in reduced units."""
     scale = pressure * hard.packing.box.volume / hard.packing.particles
     return float(units.overlap_of(hard.force_c * scale, hard.contacts).mean())
@@ -201,8 +204,8 @@ def _depth(hard: HardPacking, units: Units, pressure: float) -> float:
 def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState:
     """Return the soft packing at the pressure that a large hard packing is pressed to, at one go.
 
-    Large packings rearrange at so many pressures that they are not followed: where Newton's method from the first soft
-    packing does not end in balance, FIRE finds the way.
+    Large packings rearrange at so many pressures that those pressed deeper than `FIRST_DEPTH` are not followed: where
+    Newton's method from the first soft packing does not end in balance, FIRE finds the way.
 
     Parameters
     ----------
@@ -215,7 +218,7 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
 
     """
     units, basis_kdd = protocol.units, protocol.basis_kdd
-    depth = _depth(hard, units, goal)
+    depth = depth_asked(hard, units, goal)
     if depth > _LINEAR:
         return search_pressure(protocol, scale_box(hard.packing, 1.0 / (1.0 + depth)), goal)
     with protocol.stage("soft packing") as figures:
@@ -258,8 +261,8 @@ def follow_pressure(
         force = -units.terms(at_distances(hard.contacts, sigma * (1.0 - depth)))[0]
         return float((force * sigma).sum()) / (hard.packing.dimension * volume)
 
-    goal = _depth(hard, units, pressure)
-    depth = min(goal, _FIRST_DEPTH)
+    goal = depth_asked(hard, units, pressure)
+    depth = min(goal, FIRST_DEPTH)
     now = pressure if depth == goal else pressure_at(depth)
     state = newton(first_soft(hard, units, basis_kdd, now), units, basis_kdd, now, watch=watch)
     used = state.iterations
@@ -282,7 +285,8 @@ def follow_pressure(
         return Step(trial, further)
 
     end, reached = math.log(goal), depth / goal
-    for step in follow(reach, state, math.log(depth), end, replace(_DEEPER)) if depth < goal else ():
+    lengths = replace(_DEEPER, shortest=_GIVEN_UP) if hard.packing.particles >= _LARGE else replace(_DEEPER)
+    for step in follow(reach, state, math.log(depth), end, lengths) if depth < goal else ():
         state, reached = step.after, math.exp(step.place - end)
     return replace(state, iterations=iterations, reached=reached)
 

@@ -86,6 +86,16 @@ def test_correctors_lead_to_balance_at_the_barrier_as_well(pressed):
     assert np.abs(net).max() < 1e-5
 
 
+def test_a_large_packing_that_rearranges_late_goes_back_to_wider_walls_and_is_found_in_few_steps():
+    sizes = pm.Bidisperse(ratio=1.4)
+    packing = pm.random_packing(4096, dimension=2, sizes=sizes, packing_fraction=0.87, seed=30)
+    spread = 1.0 + 0.03 * np.random.default_rng(30).standard_normal(4096)
+    crawls = pm.Scene(packing.replace(radius_n=packing.radius_n * spread), (pm.Repulsion(),))
+    # 568 steps along the walls where the barrier only falls
+    report = pm.jam(crawls, method=pm.HardVertex(iteration_limit=250)).report
+    assert report["hard_excess_contacts"] == 0 and report["floppy_modes"] == 0
+
+
 def test_both_backends_solve_a_large_plane_network_alike():
     packing = scene(1500, 2).packing
     contacts = pair_contacts(packing, *candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.3))
