@@ -139,8 +139,8 @@ class HardVertex(JamMethod):
     interior-point method that makes the hard packing denser at its true distances until contacts block every motion.
     From 1000 particles on FIRE also settles the packing at constant pressure, with the strains that are free, and a
     search that rearranges late goes back to wider barriers.
-    Measured in two dimensions: 20-120 factorizations for N = 256, 28-74 for N = 1024, 53-206 for N = 4096 (medians 43
-    and 75 of ten seeds). The ensemble is that of this protocol; state it with every jamming packing fraction, and
+    Measured in two dimensions: 20-120 factorizations for N = 256, 28-74 for N = 1024, 53-206 for N = 4096 (medians 45
+    and 90 of ten seeds). The ensemble is that of this protocol; state it with every jamming packing fraction, and
     that packings below and from 1000 particles on are made in two ways, where sizes across that number are compared.
 
     Parameters
