@@ -36,6 +36,9 @@ _STEP_CAP = 0.1
 # correctors: steps that are long enough without, how far beyond the longest step they look, what products count as
 # near, over their aim, and how much longer steps must get; chosen at N = 1024 (seeds 10 to 14)
 _LONG, _BEYOND, _LOWEST, _HIGHEST, _GAIN = 0.9, 0.3, 0.3, 10.0, 0.02
+# a state crawls where a step was shorter than this and its largest net force squared, at most the last of these, is so
+# many times its barrier, twice as many every next time; and how many times that the barrier is that it goes back to
+_SHORT, _LOST, _WIDER, _WIDEST = 0.1, 30.0, 3.0, 1e-3
 _ENDLESS = 1e9
 
 
@@ -242,6 +245,11 @@ class NearPairs:
         _measure(position_nd, lattice_dd, *self.list, self.vector_cd, self.distance_c, self.normal_cd)
         return self.distance_c - self.sigma_c
 
+    def unbalanced(self, force_c: NDArray[np.float64]) -> float:
+        """Return the largest net force of the multipliers [mean force]."""
+        net = gather(self.system.i_c, self.system.j_c, self.normal_cd, force_c, self.system.particles)
+        return float(np.abs(net).max())
+
     def lasts(self, moved_nd: NDArray[np.float64], strain: float) -> bool:
         """Return whether no unlisted pair can be near closing after one more such step."""
         self._moved_nd += moved_nd
@@ -269,10 +277,6 @@ class _InteriorStep:
         hold = barrier + 1e-11 * float(weight.mean())
         particles = pairs.system.particles
         self.contacts.factor(weight, np.full(particles, hold), hold * particles)
-
-    def unbalanced(self) -> float:
-        """Return the largest net force of the multipliers [mean force]."""
-        return float(np.abs(self.contacts.gather(self.force_c)).max())
 
     def corrected(
         self, target_c: NDArray[np.float64], found: tuple[NDArray[np.float64], ...], aim: float
@@ -308,6 +312,14 @@ class _InteriorStep:
 def _largest_step(value: NDArray[np.float64], change: NDArray[np.float64]) -> float:
     falling = change < 0.0
     return float((-value[falling] / change[falling]).min(initial=_ENDLESS))
+
+
+def _at_barrier(
+    barrier: float, gap: NDArray[np.float64], force: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return slack and force of one product; forces of pairs that bear stay as they were."""
+    slack = np.maximum(gap, barrier / np.maximum(force, np.sqrt(barrier)))
+    return slack, barrier / slack
 
 
 def start_state(
@@ -355,9 +367,13 @@ def densify(
     barrier: float = 1e-12,
     iteration_limit: int = 500,
     correctors: int = 0,
+    retreats: bool = False,
     watch: Callable[[HardState], None] | None = None,
 ) -> HardState:
     """Return the state after lowering the barrier to the one asked for, or at the iteration limit.
+
+    A packing that finds a way to rearrange when the barrier is small already moves along walls that it feels only when
+    it meets them, one after another: hundreds of steps, all short. At a wider barrier it takes a few dozen.
 
     Parameters
     ----------
@@ -374,6 +390,8 @@ def densify(
         Maximum number of iterations, counted from the start of the state.
     correctors
         Maximum number of Gondzio's correctors in an iteration: worth their solves where a factorization costs many.
+    retreats
+        Whether a state that crawls goes back to a barrier of the order of its net forces squared.
     watch
         Called with the state after every iteration.
 
@@ -386,11 +404,15 @@ def densify(
     _carry_over(tuple(pairs.list), tuple(state.pairs), slack, force, state.slack_c, state.force_c)
     force = np.where(force > 0.0, force, mean / np.maximum(slack, 1e-3))
     iterations = state.iterations
-    now = state
+    now, lost, shortest = state, _LOST, 1.0
     while iterations < iteration_limit:
         iterations += 1
+        mean, unbalanced = float((force * slack).mean()), pairs.unbalanced(force)
+        size = min(unbalanced**2, _WIDEST)
+        if retreats and shortest < _SHORT and size > lost * mean:
+            slack, force = _at_barrier(_WIDER * size, gap, force)
+            mean, unbalanced, lost = float((force * slack).mean()), pairs.unbalanced(force), 2.0 * lost
         defect = np.minimum(gap - slack, 0.0)
-        mean = float((force * slack).mean())
         try:
             step = _InteriorStep(pairs, basis_kdd, slack, force, defect, mean)
             *_, ds, df = step.direction(np.zeros_like(slack))
@@ -398,7 +420,7 @@ def densify(
             reached = float(((force + ahead_d * df) * (slack + ahead_p * ds)).mean())
             # a packing that still moves is far from balance: lowering the barrier faster than it settles makes it crawl
             # along walls
-            center = min(1.0, max((reached / mean) ** 3, 1e-4, 0.3 * step.unbalanced() ** 2 / mean))
+            center = min(1.0, max((reached / mean) ** 3, 1e-4, 0.3 * unbalanced**2 / mean))
             correction = ds * df if min(ahead_p, ahead_d) > 0.1 else 0.0
             target = center * mean + np.zeros_like(slack) - correction
             found = step.direction(target)
@@ -416,6 +438,7 @@ def densify(
         strain = np.einsum("k,kab->ab", strain_k, basis_kdd)
         fastest = float((np.sqrt((u_nd**2).sum(axis=1)) / radius_n).max()) + float(np.linalg.norm(strain))
         size_p = min(size_p, _STEP_CAP / max(fastest, 1e-300))
+        shortest = min(size_p, size_d)
         position += size_p * (u_nd + position @ strain.T)
         lattice += size_p * strain @ lattice
         slack = slack + size_p * ds

@@ -21,7 +21,7 @@ from packmech.packing import Packing
 from packmech.protocols.method import JamMethod
 from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
-from packmech.protocols.soft import follow_pressure, search_pressure
+from packmech.protocols.soft import FIRST_DEPTH, depth_asked, follow_pressure, press_large, search_pressure
 from packmech.result import Outcome
 
 # the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
@@ -137,9 +137,10 @@ class HardVertex(JamMethod):
 
     FIRE stops early, at rough balance: what it is slow at (soft modes, contacts that flicker, rattlers) is left to an
     interior-point method that makes the hard packing denser at its true distances until contacts block every motion.
-    From 1000 particles on FIRE also settles the packing at constant pressure, with the strains that are free.
-    Measured in two dimensions: 20-120 factorizations for N = 256, 28-70 for N = 1024, 57-692 for N = 4096 (medians 43
-    and 142 of five seeds). The ensemble is that of this protocol; state it with every jamming packing fraction, and
+    From 1000 particles on FIRE also settles the packing at constant pressure, with the strains that are free, and a
+    search that rearranges late goes back to wider barriers.
+    Measured in two dimensions: 20-120 factorizations for N = 256, 28-74 for N = 1024, 53-206 for N = 4096 (medians 45
+    and 90 of ten seeds). The ensemble is that of this protocol; state it with every jamming packing fraction, and
     that packings below and from 1000 particles on are made in two ways, where sizes across that number are compared.
 
     Parameters
@@ -241,7 +242,7 @@ def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int
         with protocol.stage("hard packing") as figures:
             state = densify(
                 before, reduced.radius_n, basis,
-                barrier=barrier, iteration_limit=iteration_limit, correctors=correctors, watch=watch,
+                barrier=barrier, iteration_limit=iteration_limit, correctors=correctors, retreats=large, watch=watch,
             )  # fmt: skip
             figures.residual, figures.steps = state.barrier, state.iterations - before.iterations
             figures.note = f"interior point, {figures.steps} factorizations; residual is the barrier"
@@ -328,13 +329,15 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
 
     """
     goal = protocol.reduced_pressure(pressure)
-    tolerance = protocol.force_tolerance
+    units, tolerance = protocol.units, protocol.force_tolerance
+    if hard.packing.particles >= _LARGE and depth_asked(hard, units, goal) > FIRST_DEPTH:
+        state = press_large(protocol, hard, goal)
+        return protocol.restored(state.packing), judge(state, tolerance)
     with protocol.stage("soft packing") as figures:
-        units, watch = protocol.units, protocol.in_time
-        state = follow_pressure(hard, units, protocol.basis_kdd, goal, tolerance=tolerance, watch=watch)
+        state = follow_pressure(hard, units, protocol.basis_kdd, goal, tolerance=tolerance, watch=protocol.in_time)
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
     if state.reached < 1.0:
         state = search_pressure(protocol, state.packing, goal)
-    return protocol.restored(state.packing), judge(state, protocol.force_tolerance)
+    return protocol.restored(state.packing), judge(state, tolerance)

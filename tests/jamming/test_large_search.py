@@ -86,6 +86,16 @@ def test_correctors_lead_to_balance_at_the_barrier_as_well(pressed):
     assert np.abs(net).max() < 1e-5
 
 
+def test_a_large_packing_that_rearranges_late_goes_back_to_wider_walls_and_is_found_in_few_steps():
+    sizes = pm.Bidisperse(ratio=1.4)
+    packing = pm.random_packing(4096, dimension=2, sizes=sizes, packing_fraction=0.87, seed=30)
+    spread = 1.0 + 0.03 * np.random.default_rng(30).standard_normal(4096)
+    crawls = pm.Scene(packing.replace(radius_n=packing.radius_n * spread), (pm.Repulsion(),))
+    # 568 steps along the walls where the barrier only falls
+    report = pm.jam(crawls, method=pm.HardVertex(iteration_limit=250)).report
+    assert report["hard_excess_contacts"] == 0 and report["floppy_modes"] == 0
+
+
 def test_both_backends_solve_a_large_plane_network_alike():
     packing = scene(1500, 2).packing
     contacts = pair_contacts(packing, *candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.3))
@@ -124,3 +134,23 @@ def test_settling_ends_no_less_dense_than_the_search_alone_within_the_scatter_of
     alone = pm.jam(scene(1024, 21)).report["jamming_packing_fraction"]
     # packings of 1024 discs scatter by 7e-4
     assert large[1024].report["jamming_packing_fraction"] > alone - 2e-3
+
+
+@pytest.mark.parametrize("pressure", [1e-3, 1e-6])
+def test_large_packings_are_pressed_at_one_go_and_balance_at_the_pressure(pressure):
+    run = pm.jam(scene(1024, 21), pressure=pressure)
+    contacts = pm.find_contacts(run.packing)
+    # springs of unit energy: force = overlap / diameter^2, in the diameters of the pair
+    force = -contacts.gap_c / contacts.contact_distance_c**2
+    net = np.zeros(run.packing.position_nd.shape)
+    np.add.at(net, contacts.j_c, force[:, None] * contacts.normal_cd)
+    np.subtract.at(net, contacts.i_c, force[:, None] * contacts.normal_cd)
+    assert np.abs(net).max() < 1e-5 * force.mean()
+    virial = np.einsum("c,ca,cb->ab", force, contacts.vector_cd, contacts.normal_cd) / run.packing.box.volume
+    # in units of energy over the mean diameter squared
+    assert virial * run.packing.diameter_n.mean() ** 2 == pytest.approx(
+        pressure * np.eye(2), rel=1e-5, abs=1e-8 * pressure
+    )
+    steps = {one.name: one.steps for one in run.stages}
+    # Newton's method is tried once, where the law is near enough to linear that it may be enough
+    assert steps.get("soft packing", 0) <= 25
