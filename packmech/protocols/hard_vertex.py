@@ -35,6 +35,9 @@ _LARGE = 1000
 _SETTLED, _SETTLED_TOLERANCE = 1e-3, 1e-2
 # correctors of an interior-point step of packings as large
 _CORRECTORS = 6
+# A small packing's search takes 20 to 200 iterations. One that takes more goes in circles now and then (one of 200
+# starts of 512 discs did, three steps for ever): after so many it begins anew as that of a large packing.
+_CIRCLES = 500
 
 
 def check_quench(start: float | None, tolerance: float, steps: int, *, minimum_steps: int = 1) -> None:
@@ -102,7 +105,7 @@ def decompress(
 
 
 def settle_at_pressure(protocol: Protocol, packing: Packing, steps: int) -> Packing:
-    """Return a large packing after FIRE in positions and free strains at constant pressure, a small one as it is.
+    """Return the packing after FIRE in positions and free strains at constant pressure.
 
     Parameters
     ----------
@@ -115,7 +118,7 @@ def settle_at_pressure(protocol: Protocol, packing: Packing, steps: int) -> Pack
 
     """
     reduced = protocol.reduced(packing)
-    if packing.particles < _LARGE or not len(contacts := find_contacts(reduced)):
+    if not len(contacts := find_contacts(reduced)):
         return packing
     sigma = contacts.contact_distance_c
     force = -protocol.units.terms(at_distances(contacts, sigma * (1.0 - _SETTLED)))[0]
@@ -179,10 +182,19 @@ class HardVertex(JamMethod):
         start = protocol.start_fraction(self.start_packing_fraction, START)
 
         def begin() -> Packing:
-            near = decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
-            return settle_at_pressure(protocol, near, self.quench_steps)
+            return decompress(protocol, start, self.stop_pressure, 0.15, self.quench_tolerance, self.quench_steps)
 
-        return jam_hard(protocol, pressure, begin, lambda near: find_hard_packing(protocol, near, self.iteration_limit))
+        def search(near: Packing) -> HardPacking | None:
+            limit, large = self.iteration_limit, near.particles >= _LARGE
+            if not large:
+                hard = find_hard_packing(protocol, near, min(limit, _CIRCLES))
+                used = sum(one.steps for one in protocol.stages if one.name == "hard packing")
+                if hard is not None or used < _CIRCLES or limit <= _CIRCLES:
+                    return hard
+            settled = settle_at_pressure(protocol, near, self.quench_steps)
+            return find_hard_packing(protocol, settled, limit, large=True)
+
+        return jam_hard(protocol, pressure, begin, search)
 
 
 def jam_hard(
@@ -213,7 +225,9 @@ def jam_hard(
     return press(protocol, hard, pressure)
 
 
-def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int) -> HardPacking | None:
+def find_hard_packing(
+    protocol: Protocol, packing: Packing, iteration_limit: int, *, large: bool | None = None
+) -> HardPacking | None:
     """Return the exact hard packing nearby, in reduced units, or None when none could be certified.
 
     Parameters
@@ -224,12 +238,14 @@ def find_hard_packing(protocol: Protocol, packing: Packing, iteration_limit: int
         Where to start, in the scene's units.
     iteration_limit
         Maximum number of iterations.
+    large
+        Whether to search as in a large packing; None: where it is one.
 
     """
     reduced = protocol.reduced(packing)
     basis = protocol.basis_kdd
     load = float(packing.particles * packing.dimension)
-    large = packing.particles >= _LARGE
+    large = packing.particles >= _LARGE if large is None else large
     begin, correctors = (settled_start, _CORRECTORS) if large else (start_state, 0)
     state = begin(reduced.position_nd, reduced.box.lattice_dd, reduced.radius_n, load)
 

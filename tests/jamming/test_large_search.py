@@ -154,3 +154,11 @@ def test_large_packings_are_pressed_at_one_go_and_balance_at_the_pressure(pressu
     steps = {one.name: one.steps for one in run.stages}
     # Newton's method is tried once, where the law is near enough to linear that it may be enough
     assert steps.get("soft packing", 0) <= 25
+
+
+def test_a_small_search_that_goes_in_circles_begins_anew_after_settling():
+    packing = pm.random_packing(512, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.87, seed=5)
+    run = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic")
+    names = [one.name for one in run.stages]
+    assert names.count("hard packing") == 2 and "settling" in names
+    assert run.ok and run.report["force_imbalance"] < 1e-9
