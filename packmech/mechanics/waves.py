@@ -237,7 +237,8 @@ def _shift_invert(matrix: sp.csr_array, count: int, bound: float) -> tuple[NDArr
         shift = 2.0 * min(float(value[0]), shift) - bound * _SHIFT
 
 
-@dataclass(frozen=True)
+@shown(lambda one: f"speeds {', '.join(f'{v:.5g}' for v in one.speed_m)} [length/time]")
+@dataclass(frozen=True, eq=False)
 class SoundSpeeds:
     """Speeds of the d waves of great length along one direction, ascending.
 
