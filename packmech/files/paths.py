@@ -124,7 +124,7 @@ def replacing(target: Path) -> Iterator[Path]:
 
 @contextmanager
 def _naming(partial: Path, target: Path) -> Iterator[None]:
-    """Name the file in an error, of a full disk, say: who reads of it knows that name and not the one of its half."""
+    """Name the target, and not the temporary file beside it, in an error: of a full disk, say."""
     try:
         yield
     except OSError as error:

@@ -63,8 +63,9 @@ def write_certificate(verdict: Verdict, path: str | Path) -> None:
     claimed = {name: _claimed(one, len(network)) for name, one in answers.items()}
     if not any(claimed.values()):
         raise ValueError(f"verdict must have an answer with grounds, got {verdict.collective} and {verdict.strict}")
-    links = packing.links
-    tolerance = verdict.touching.tolerance
+    links, tolerance = packing.links, verdict.touching.tolerance
+    if tolerance < 0.0:
+        raise ValueError(f"verdict must be of contacts within a gap tolerance of 0 or more, got {tolerance:g}")
     arrays: dict[str, Any] = {
         "kind": KIND,
         "version": VERSION,
@@ -146,6 +147,7 @@ def verify(path: str | Path) -> Verification:
     accepted
     collective: not jammed: a motion closes no pair by more than ...
     strict: not jammed: a motion closes no pair by more than ...
+    contacts: pairs with gaps or overlaps up to ... of their distance
 
     """
     return referee.verify(existing_file("path", path))

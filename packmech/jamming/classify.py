@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, instance, integer, integer_array, one_of, real
+from packmech.check import BoxStrain, brief, instance, integer, integer_array, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.given import check_given
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
@@ -33,7 +33,7 @@ from packmech.jamming.contact_selection import (
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.shaped import classify_shaped
-from packmech.jamming.tiled import MOST_COPIES, judge_tiled
+from packmech.jamming.tiled import MOST_COPIES, MOST_WAVES, judge_tiled
 from packmech.jamming.verdict import (
     AMBIGUOUS,
     JAMMED,
@@ -296,8 +296,9 @@ def classify_jamming(
         Draws the load.
     tiled
         Whether to judge copies of the packing side by side, too: True for any numbers of copies, or the largest
-        numbers along each lattice vector. The answer is `Verdict.tiled`; what is jammed in one box may unjam in two.
-        Discs and spheres without rigid links, up to 1500 coordinates.
+        numbers along each lattice vector, up to 12 each and 1000 in all. The answer is `Verdict.tiled`; what is jammed
+        in one box may unjam in two.
+        Discs and spheres without rigid links; above 1500 coordinates the answer is "ambiguous".
 
     Raises
     ------
@@ -420,9 +421,14 @@ def _repeats(packing: Packing, tiled: bool | Sequence[int], method: str) -> tupl
         raise ValueError('tiled must be left out with method "loads", which gives no contact forces')
     if tiled is True:
         return None
+    if np.ndim(tiled) != 1 or isinstance(tiled, str):
+        raise TypeError(f"tiled must be True, False or {packing.dimension} numbers of copies, got {brief(tiled)}")
     numbers = integer_array("tiled", tiled, shape=(packing.dimension,), what="lattice vector")
-    if not (1 <= int(numbers.min()) and int(numbers.max()) <= MOST_COPIES):
-        raise ValueError(f"tiled must be between 1 and {MOST_COPIES} along each lattice vector, got {numbers.tolist()}")
+    if not (1 <= int(numbers.min()) and int(numbers.max()) <= MOST_COPIES and int(numbers.prod()) <= MOST_WAVES):
+        raise ValueError(
+            f"tiled must be between 1 and {MOST_COPIES} along each lattice vector, and at most {MOST_WAVES} copies, "
+            f"got {numbers.tolist()}"
+        )
     return tuple(numbers.tolist())
 
 

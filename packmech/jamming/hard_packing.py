@@ -36,9 +36,12 @@ _STEP_CAP = 0.1
 # correctors: steps that are long enough without, how far beyond the longest step they look, what products count as
 # near, over their aim, and how much longer steps must get; chosen at N = 1024 (seeds 10 to 14)
 _LONG, _BEYOND, _LOWEST, _HIGHEST, _GAIN = 0.9, 0.3, 0.3, 10.0, 0.02
-# a state crawls where a step was shorter than this and its largest net force squared, at most the last of these, is so
-# many times its barrier, twice as many every next time; and how many times that the barrier is that it goes back to
-_SHORT, _LOST, _WIDER, _WIDEST = 0.1, 30.0, 3.0, 1e-3
+# A search that only takes short steps far from balance goes back to a wider barrier. A step this short [1]:
+_SHORT = 0.1
+# with the largest net force squared this many times the barrier, and twice as many after each time it went back [1]:
+_LOST = 30.0
+# to a barrier of so many times the net force squared, which counts up to the second number [1]:
+_WIDER, _WIDEST = 3.0, 1e-3
 _ENDLESS = 1e9
 
 

@@ -17,6 +17,7 @@ that touch were looked at. Where there is no backbone, particles are taken out o
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations, product
@@ -31,6 +32,8 @@ JAMMED, NOT_JAMMED, QUESTIONS = "jammed", "not jammed", ("collective", "strict")
 _EPS = float(np.finfo(np.float64).eps)
 # a motion closes a contact where it shortens it by more than this, of the largest displacement and box length [1]
 _CLOSING = 1e3 * _EPS
+# largest number of images of a particle along one side of the box that may touch it
+_IMAGES = 9
 # largest number of unknowns, whose dense matrix takes 8 bytes for each pair
 LARGEST = 12_000
 
@@ -47,8 +50,11 @@ class Verification:
         What was proven: "jammed", "not jammed", or "" where nothing was claimed or the proof failed.
     reasons
         A sentence on each question.
+    gap_tolerance
+        Up to which gaps and overlaps pairs were taken for contacts, in contact distances [1]: all is proven for these.
     smallest_singular_value
-        What that of the rows of the strongest claim is at least [1, in mean diameters]; 0 where none was needed.
+        What that of the rows of the strongest claim is at least, of unit vectors of contacts to within a factor of 2
+        [1]; 0 where none was needed.
     smallest_weight, weight_error
         The smallest weight of a contact over their mean, and how far it may be from balance [1]; 0 where not needed.
 
@@ -58,6 +64,7 @@ class Verification:
     collective: str
     strict: str
     reasons: tuple[str, ...]
+    gap_tolerance: float = 0.0
     smallest_singular_value: float = 0.0
     smallest_weight: float = 0.0
     weight_error: float = 0.0
@@ -74,17 +81,9 @@ class Refused(Exception):  # noqa: N818 - an answer, not a fault
     """A claim that was not proven; the message says why."""
 
 
-_UNREADABLE = (
-    OSError,
-    ValueError,
-    KeyError,
-    TypeError,
-    IndexError,
-    EOFError,
-    OverflowError,
-    BadZipFile,
-    ZeroDivisionError,
-)
+# what bytes that were damaged, and sizes that were made up, raise
+_ARCHIVE = (BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError, OSError)
+_UNREADABLE = (*_ARCHIVE, ValueError, KeyError, TypeError, IndexError, OverflowError, ZeroDivisionError, MemoryError)
 
 
 def verify(path: Path) -> Verification:
@@ -115,14 +114,17 @@ def verify(path: Path) -> Verification:
             reasons.append(f"{question}: {says}: {why}" if says else f"{question}: {why}")
         except (Refused, *_UNREADABLE) as error:
             accepted = False
-            why = str(error) if isinstance(error, Refused) else f"the file cannot be read: {error!r}"[:300]
+            why = str(error) if isinstance(error, Refused) else f"the file cannot be read: {error!r}"[:200]
+            why = f"the array {error} is missing" if isinstance(error, KeyError) else why
             reasons.append(f"{question}: {says} is not proven: {why}")
     if proven["strict"] == JAMMED and proven["collective"] == NOT_JAMMED:
         reasons.append("a packing that is strictly jammed is so collectively")
         accepted = False
-    return Verification(
-        accepted and any(proven.values()), proven["collective"], proven["strict"], tuple(reasons), *figures
-    )
+    tolerance = 0.0 if claim is None else claim.tolerance
+    if claim is not None:
+        reasons.append(f"contacts: pairs with gaps or overlaps up to {tolerance:.1e} of their distance")
+    answers = proven["collective"], proven["strict"]
+    return Verification(accepted and any(answers), *answers, tuple(reasons), tolerance, *figures)
 
 
 class _Claim:
@@ -142,8 +144,8 @@ class _Claim:
             raise Refused("radii and the volume must be positive")
         self.backbone_n = np.asarray(held["backbone_n"], dtype=bool)
         self.tolerance = float(held["gap_tolerance"])
-        if self.backbone_n.shape != (n,) or not -0.1 < self.tolerance < 0.1:
-            raise Refused("backbone and gap tolerance must be those of the packing, the tolerance below 0.1")
+        if self.backbone_n.shape != (n,) or not 0.0 <= self.tolerance < 0.1:
+            raise Refused("backbone and gap tolerance must be those of the packing, the tolerance from 0 to 0.1")
         self.fixed_volume = str(held["strain"]) == "isochoric"
         self.pairs = _pairs(held, "c", n, self.d)
         self.links = _pairs(held, "l", n, self.d)
@@ -158,6 +160,8 @@ class _Claim:
         # a power of two, so that no number changes by it
         self.unit = 2.0 ** np.round(np.log2(2.0 * self.radius_n.mean()))
         self.check_contacts()
+        linked = {(int(i), int(j), *image.tolist()) for i, j, image in zip(*self.links, strict=True)}
+        self.touching = self.find_touching(linked)
 
     def vectors(self, pairs: tuple[NDArray[Any], ...]) -> NDArray[Any]:
         """Return the exact vectors from i to j, in 2^-bits."""
@@ -173,7 +177,7 @@ class _Claim:
         """Refuse contacts that do not touch."""
         sigma = self.radius_n[self.pairs[0]] + self.radius_n[self.pairs[1]]
         gap = np.abs(self.lengths(self.pairs) / sigma - 1.0)
-        if (gap > max(self.tolerance, 0.0) + 4.0 * _EPS).any():
+        if (gap > self.tolerance + 4.0 * _EPS).any():
             raise Refused(
                 f"contact {int(gap.argmax())} has a gap or overlap of {gap.max():.1e}, beyond {self.tolerance:.1e}"
             )
@@ -188,10 +192,10 @@ class _Claim:
         """Return the bound on singular values, the smallest weight and its error; or raise Refused."""
         strained, d, count = question == "strict", self.d, len(self.pairs[0])
         kept = np.flatnonzero(self.backbone_n)
-        if len(kept) == 1 and not strained:
-            return np.inf, 1.0, 0.0
+        if d * len(kept) > LARGEST:
+            raise Refused(f"{d * len(kept)} unknowns are more than the {LARGEST} that dense matrices are made for")
         force = _numbers(self.held[f"{question}_force_c"], 1)
-        if len(kept) == 0 or force.shape != (count,) or not (force > 0.0).all():
+        if not len(kept) or not count or force.shape != (count,) or not (force > 0.0).all():
             raise Refused("there must be a positive force for each contact, and contacts")
         ends, vector, direct = self.rows(strained)
         if len(self.links[0]):
@@ -223,7 +227,7 @@ class _Claim:
         least = _smallest_singular_value(self.matrix(ends, real / self.unit, kept, strained), len(kept), d)
         error, smallest = size / least, float(weight[:count].min())
         pressing = float(volume / scale / Fraction(self.unit)) if strained and not self.fixed_volume else np.inf
-        if min(smallest, pressing) <= error:
+        if not min(smallest, pressing) > error:
             raise Refused(f"the smallest weight, {min(smallest, pressing):.1e}, is known to {error:.1e} only")
         return least, smallest, error
 
@@ -236,8 +240,6 @@ class _Claim:
         place[kept] = np.arange(len(kept))
         strains = [(a, b) for a in range(d) for b in range(a, d)] if strained else []
         found = np.zeros((rows + bool(strains), d * len(kept) + len(strains)))
-        if found.shape[1] > LARGEST:
-            raise Refused(f"{found.shape[1]} unknowns are more than the {LARGEST} that are judged with dense matrices")
         for a in range(d):
             np.add.at(found, (np.arange(rows), d * place[ends[1]] + a), vector[:, a])
             np.add.at(found, (np.arange(rows), d * place[ends[0]] + a), -vector[:, a])
@@ -248,8 +250,13 @@ class _Claim:
 
     def prove_not_jammed(self, question: str) -> str:
         """Return what shows that particles can move; or raise Refused."""
+        left = self.held_together()
         if not self.backbone_n.any():
-            return self.prove_nothing_held()
+            if left:
+                raise Refused(f"{len(left)} particles hold each other, but no backbone is given")
+            return "particles can be taken out one after the other until none is left"
+        if not all(self.backbone_n[n] for n in left):
+            raise Refused("particles that are not in the backbone hold each other")
         strained = question == "strict"
         motion = _numbers(self.held[f"{question}_displacement_nd"], 2)
         strain = _numbers(self.held[f"{question}_strain_dd"], 2)
@@ -280,24 +287,31 @@ class _Claim:
         closes = max(0.0, -float(stretch[:count].min(initial=0.0))) / size
         return f"a motion closes no pair by more than {closes:.0e} of itself"
 
-    def touching(self) -> set[tuple[int, ...]]:
-        """Return all pairs within the tolerance, by (i, j, image), i < j or an image of its own."""
+    def find_touching(self, linked: set[tuple[int, ...]]) -> set[tuple[int, ...]]:
+        """Return all pairs within the tolerance, by (i, j, image), but linked ones; refuse overlaps."""
         found: set[tuple[int, ...]] = set()
-        fraction = self.position_nd @ np.linalg.inv(self.lattice_dd).T
-        turns = np.floor(fraction).astype(np.int64)
+        turns = np.floor(self.position_nd @ np.linalg.inv(self.lattice_dd).T).astype(np.int64)
         wrapped = self.position_nd - turns @ self.lattice_dd.T
-        farthest = 2.0 * self.radius_n.max() * (1.0 + abs(self.tolerance))
+        farthest = 2.0 * self.radius_n.max() * (1.0 + self.tolerance)
         # so many images as the distance between faces of the box asks for
         reach = 1 + np.floor(farthest * np.sqrt((np.linalg.inv(self.lattice_dd) ** 2).sum(axis=1))).astype(int)
+        if (reach > _IMAGES).any():
+            raise Refused("the box is thinner than a particle by far")
         for image in product(*(range(-k, k + 1) for k in reach)):
             shift = self.lattice_dd @ np.array(image)
             for i in range(len(wrapped)):
-                distance = np.sqrt(((wrapped + shift - wrapped[i]) ** 2).sum(axis=1))
-                near = distance <= (self.radius_n + self.radius_n[i]) * (1.0 + self.tolerance) * (1.0 + 4.0 * _EPS)
-                for j in np.flatnonzero(near):
-                    own = np.array(image) - turns[j] + turns[i]
-                    if i < j or (i == j and tuple(image) > (0,) * self.d):
-                        found.add((i, int(j), *own.tolist()))
+                gap = (
+                    np.sqrt(((wrapped + shift - wrapped[i]) ** 2).sum(axis=1)) / (self.radius_n + self.radius_n[i])
+                    - 1.0
+                )
+                for j in np.flatnonzero(gap <= self.tolerance + 8.0 * _EPS):
+                    pair = (i, int(j), *(np.array(image) - turns[j] + turns[i]).tolist())
+                    if (i < j or (i == j and tuple(image) > (0,) * self.d)) and pair not in linked:
+                        found.add(pair)
+                        if gap[j] < -self.tolerance - 8.0 * _EPS * (1.0 + farthest / self.radius_n.min()):
+                            raise Refused(
+                                f"particles {i} and {j} overlap by {-gap[j]:.1e}, beyond {self.tolerance:.1e}"
+                            )
         return found
 
     def check_complete(self) -> None:
@@ -306,27 +320,23 @@ class _Claim:
         for i, j, image in [*zip(*self.pairs, strict=True), *zip(*self.links, strict=True)]:
             forward = image.tolist()
             listed |= {(int(i), int(j), *forward), (int(j), int(i), *(-image).tolist())}
-        for one in self.touching():
+        for one in self.touching:
             if self.backbone_n[one[0]] and self.backbone_n[one[1]] and one not in listed:
                 raise Refused(f"particles {one[0]} and {one[1]} touch, and are not among the contacts")
 
-    def prove_nothing_held(self) -> str:
-        """Take out what nothing holds until nothing is left; or raise Refused."""
+    def held_together(self) -> set[int]:
+        """Return what is left when particles that their contacts do not hold are taken out one after the other."""
+        left = set(range(len(self.radius_n)))
         if len(self.links[0]):
-            raise Refused("without a backbone, links are not judged")
-        around: dict[int, list[tuple[int, NDArray[np.float64]]]] = {n: [] for n in range(len(self.radius_n))}
-        for i, j, *image in self.touching():
+            return set(np.flatnonzero(self.backbone_n).tolist()) if self.backbone_n.any() else left
+        around: dict[int, list[tuple[int, NDArray[np.float64]]]] = {n: [] for n in left}
+        for i, j, *image in self.touching:
             vector = self.position_nd[j] - self.position_nd[i] + self.lattice_dd @ np.array(image)
-            if i != j:
-                around[i].append((j, vector / np.sqrt(vector @ vector)))
-                around[j].append((i, -vector / np.sqrt(vector @ vector)))
-        left = set(around)
-        while left:
-            loose = {n for n in left if _is_loose(np.array([v for m, v in around[n] if m in left]), self.d)}
-            if not loose:
-                raise Refused(f"{len(left)} particles hold each other, but no backbone is given")
+            around[i].append((j, vector / np.sqrt(vector @ vector)))
+            around[j].append((i, -vector / np.sqrt(vector @ vector)))
+        while loose := {n for n in left if _is_loose(np.array([v for m, v in around[n] if m in left]), self.d)}:
             left -= loose
-        return "particles can be taken out one after the other until none is left"
+        return left
 
 
 def _is_loose(normal_cd: NDArray[np.float64], d: int) -> bool:
@@ -351,6 +361,8 @@ def _smallest_singular_value(matrix: NDArray[np.float64], kept: int, d: int) -> 
     wrong = (rows + 20) * _EPS * (float((size.T @ size.sum(axis=1)).max()) + 1.0)
     factored = (n + 20) * _EPS * float(np.trace(gram))
     shift = 4.0 * (wrong + factored)
+    if not np.isfinite(shift):
+        raise Refused("numbers are too large to be added up")
     gram[np.diag_indices(n)] -= shift
     try:
         np.linalg.cholesky(gram)

@@ -25,7 +25,7 @@ import itertools
 import time
 from dataclasses import replace
 from math import lcm
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,8 @@ _FLOPPY = 1e-9
 _CELLS, LARGEST = 40_000, 1500
 # largest number of copies in one direction that may be asked for, and up to how many are looked at one by one first
 MOST_COPIES, _LOOKED_AT = 12, 16
+# and the largest number of copies in all directions
+MOST_WAVES = 1000
 # parts of the bounds that are used, rounding left out
 _SAFE = 0.999
 
@@ -70,6 +72,27 @@ def copies_of(packing: Packing, repeats: tuple[int, ...]) -> Packing:
 
 def _places(repeats: tuple[int, ...]) -> NDArray[np.int64]:
     return np.stack(np.meshgrid(*map(np.arange, repeats), indexing="ij"), axis=-1).reshape(-1, len(repeats))
+
+
+class _StrainedRows(NamedTuple):
+    """The rows of one box with strains beside them: what the bound for long waves is made of.
+
+    Their smallest singular value s1 [1], the length S by which strains are divided, the number of contacts and the
+    longest of these, and the norms B and |R(0)|.
+    """
+
+    smallest: float
+    scale: float
+    count: int
+    longest: float
+    bound: float
+    largest: float
+
+    def errors(self, k: float) -> tuple[float, float]:
+        """Return alpha and beta at a wave vector of this length [1/length]."""
+        v = self.longest
+        alpha = np.sqrt(2.0 * self.count) * k**2 * v**3 / (24.0 * self.scale)
+        return float(alpha), float(self.bound * k * v / 2.0 + self.largest * (k * v) ** 2 / 8.0)
 
 
 class _Waves:
@@ -119,28 +142,31 @@ class _Waves:
         # chords are shorter than arcs
         return self.bound * float((np.pi * np.abs(self.turn_cd) @ half_d).max(initial=0.0)) / _SAFE
 
-    def long_waves(self) -> float:
-        """Return up to which |k| there is full rank for sure, by the bound about 0."""
+    def strained(self) -> _StrainedRows:
+        """Return what the bound for long waves is made of."""
         d, network = self.d, self.network
         position = rigidity_matrix(self.packing, "none", contacts=network)
         moving = (self.kept[:, None] * d + np.arange(d)).ravel()
         rows = position[:, moving].toarray()
         strain = strain_columns(network)
-        scale = float(np.linalg.norm(strain, 2)) / max(float(np.linalg.norm(rows, 2)), 1e-300)
+        largest = float(np.linalg.norm(rows, 2))
+        scale = float(np.linalg.norm(strain, 2)) / (largest or self.bound)
         translation = np.zeros((d, rows.shape[1] + strain.shape[1]))
         for a in range(d):
             translation[a, a : rows.shape[1] : d] = self.bound / np.sqrt(len(self.kept))
-        whole = np.vstack([np.hstack([rows, strain / scale]), translation])
-        values = np.linalg.svd(whole, compute_uv=False)
-        if len(values) < whole.shape[1] or not values[-1] > _FLOPPY:
+        values = np.linalg.svd(np.vstack([np.hstack([rows, strain / scale]), translation]), compute_uv=False)
+        smallest = float(values[-1]) if len(values) == rows.shape[1] + strain.shape[1] else 0.0
+        return _StrainedRows(smallest, scale, self.count, float(network.distance_c.max()), self.bound, largest)
+
+    def long_waves(self) -> float:
+        """Return up to which |k| there is full rank for sure [1/length]; 0 where no bound holds."""
+        strained = self.strained()
+        if not strained.smallest > _FLOPPY:
             return 0.0
-        s1, largest, v = float(values[-1]), float(np.linalg.norm(rows, 2)), float(network.distance_c.max())
-        low, high = 0.0, np.pi / v
+        low, high = 0.0, np.pi / strained.longest
         for _ in range(60):
             k = 0.5 * (low + high)
-            alpha = np.sqrt(2.0 * self.count) * k**2 * v**3 / (24.0 * scale)
-            beta = self.bound * k * v / 2.0 + largest * (k * v) ** 2 / 8.0
-            low, high = (k, high) if alpha**2 + beta**2 < (_SAFE * s1) ** 2 else (low, k)
+            low, high = (k, high) if np.hypot(*strained.errors(k)) < _SAFE * strained.smallest else (low, k)
         return low
 
     def motion(self, fraction_d: NDArray[np.float64], repeats: tuple[int, ...]) -> tuple[Packing, UnjammingMotion]:
@@ -218,18 +244,14 @@ def _judge(
         )
     if collectively.contact_force_c is None or not (collectively.contact_force_c > 0.0).all():
         return _answer(AMBIGUOUS, "one box is jammed, but no forces are known that push on every contact")
+    if (size := d * int(backbone_n.sum())) > LARGEST:
+        return _answer(AMBIGUOUS, f"{size} coordinates are more than the {LARGEST} that copies are judged with")
     waves = _Waves(packing, network, backbone_n)
-    if waves.size > LARGEST:
-        raise ValueError(f"tiled must be asked of at most {LARGEST // d} backbone particles, got {len(waves.kept)}")
     few = waves.count < waves.size
     # waves of few copies first: they name the smallest number that unjams
-    for many, fraction in _commensurate((MOST_COPIES,) * d if repeats is None else repeats):
-        if few:
-            value = 0.0
-        elif repeats is not None or int(np.prod(many)) <= _LOOKED_AT:
-            value = waves.smallest(fraction)
-        else:
-            break
+    few_first = _commensurate((MOST_COPIES,) * d, _LOOKED_AT) if repeats is None else _commensurate(repeats)
+    for many, fraction in few_first:
+        value = 0.0 if few else waves.smallest(fraction)
         if value > _FLOPPY:
             continue
         copies, motion = waves.motion(fraction, many)
@@ -244,24 +266,36 @@ def _judge(
     return _cover(waves)
 
 
+def _words(fraction_d: NDArray[np.float64]) -> str:
+    return "(" + ", ".join(f"{one:.4g}" for one in fraction_d) + ")"
+
+
 def _answer(collective: str, *rest: Any, **more: Any) -> TiledAnswer:
     return TiledAnswer(collective, AMBIGUOUS, *rest, **more)
 
 
-def _commensurate(limit: tuple[int, ...]) -> list[tuple[tuple[int, ...], NDArray[np.float64]]]:
-    """Return numbers of copies, few first, and the wave vectors that these have and fewer have not."""
-    found = {}
+def _commensurate(limit: tuple[int, ...], most: int | None = None) -> list[tuple[tuple[int, ...], NDArray[np.float64]]]:
+    """Return numbers of copies, few first, and the wave vectors that these have and fewer have not; one of f and -f.
+
+    Parameters
+    ----------
+    limit
+        Largest numbers of copies along each lattice vector.
+    most
+        Largest number of all copies; None: the product of the limits.
+
+    """
+    found = []
     for numbers in itertools.product(*(range(1, k + 1) for k in limit)):
+        if most is not None and int(np.prod(numbers)) > most:
+            continue
         for parts in itertools.product(*(range(k) for k in numbers)):
-            fraction = tuple(p / k for p, k in zip(parts, numbers, strict=True))
-            shortest = tuple(k // np.gcd(p, k) for p, k in zip(parts, numbers, strict=True))
-            if any(parts) and shortest == numbers:
-                # f and -f are complex conjugates
-                opposite = tuple((-one) % 1.0 for one in fraction)
-                if opposite not in found:
-                    found[fraction] = numbers
-    ordered = sorted(found.items(), key=lambda item: (int(np.prod(item[1])), lcm(*item[1]), item[1], item[0]))
-    return [(many, np.array(fraction)) for fraction, many in ordered]
+            fewer = any(int(np.gcd(p, k)) > 1 for p, k in zip(parts, numbers, strict=True) if k > 1)
+            # f and -f are complex conjugates
+            opposite = tuple((k - p) % k for p, k in zip(parts, numbers, strict=True))
+            if any(parts) and not fewer and parts <= opposite:
+                found.append((numbers, np.array(parts) / np.array(numbers)))
+    return sorted(found, key=lambda one: (int(np.prod(one[0])), lcm(*one[0]), one[0], one[1].tolist()))
 
 
 def _cover(waves: _Waves) -> TiledAnswer:
@@ -287,6 +321,9 @@ def _cover(waves: _Waves) -> TiledAnswer:
         value = waves.smallest(middle)
         if value < lowest:
             lowest, nearest = value, middle
+        if value <= _FLOPPY:
+            reason = f"a wave at {_words(middle)} changes the contacts by {value:.0e} of itself, and fits no few copies"
+            return _answer(AMBIGUOUS, reason, None, middle, value, middle, long, used)
         if value > waves.change(half):
             continue
         for sign in itertools.product((-0.5, 0.5), repeat=d):

@@ -56,8 +56,8 @@ _STILL = 1e-6
 _BALANCED = 1e-3
 _LOADED = 1e-10
 _REFINEMENTS = 4
-# overlaps of which this part is more than what is unbalanced are forces of a balance: pairs that are bent by more from
-# a straight line squeeze what they touch out
+# an overlap counts as a force where the net force on its cluster is below this part of it: pairs that are bent by more
+# from a straight line squeeze out what they touch
 _SHOWN = 1e-6
 # the program's unknowns come out as 0 or 1: a solution with one this near to one half is inconclusive
 _SURE = 0.1

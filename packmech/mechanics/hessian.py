@@ -155,17 +155,17 @@ def _wave_hessian(
     fraction = wave_fractions(wave_vector, scene.packing.dimension)
     if strain != "none":
         raise ValueError(f"strain must be 'none' where a wave_vector is given, got {strain!r}")
-    refuse_no_copies(scene, "wave_vector")
+    refuse_no_copies(scene, "wave_vector must be left out for packings with")
     system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep", strained=False)
     return wave_stiffness(system.elements, system.network.turn_nkt, scene.packing, fraction)
 
 
-def refuse_no_copies(scene: Scene, name: str) -> None:
-    """Refuse what waves through copies of the box cannot have, naming the argument that asks for them."""
+def refuse_no_copies(scene: Scene, words: str) -> None:
+    """Refuse what waves through copies of the box cannot have; the words begin the message and name the argument."""
     if scene.packing.links:
-        raise ValueError(f"{name} must be left out for packings with rigid links, got {len(scene.packing.links)} links")
+        raise ValueError(f"{words} rigid links, got {len(scene.packing.links)}")
     if acts_on_single(scene.effects):
-        raise ValueError(f"{name} must be left out where walls, weights or held particles are, which have no copies")
+        raise ValueError(f"{words} walls, weights or held particles, which have no copies")
 
 
 def _width(scene: Scene) -> int:

@@ -65,6 +65,8 @@ class System:
         What is assembled: contacts, bonds, and links as springs with a force and no stiffness.
     assembled
         Their sum, with what acts on single particles.
+    carried
+        Whether strains take displacements along, as Mandel strains of a box do; displacement gradients of waves do not.
 
     """
 
@@ -72,6 +74,7 @@ class System:
     terms: ContactTerms
     elements: tuple[Elements, ...]
     assembled: Assembled
+    carried: bool = True
 
     @property
     def links(self) -> ConstraintFactor:
@@ -97,7 +100,7 @@ class System:
         """The (N', q, s) what a strain makes of net forces: it takes displacements along, v -> (1 + strain) v."""
         d = self.network.dimension
         carried = np.zeros_like(self.assembled.column_nqe)
-        if carried.shape[2]:
+        if self.carried and carried.shape[2]:
             carried[:, :d] = np.einsum("eab,nb->nae", mandel_basis(d), self.assembled.slope_nq[:, :d])
         return carried
 

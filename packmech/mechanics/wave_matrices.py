@@ -70,9 +70,8 @@ def wave_stiffness(
     turn_nkt: NDArray[np.float64],
     packing: Packing,
     fraction_d: NDArray[np.float64],
-    single_nqq: NDArray[np.float64] | None = None,
 ) -> sp.csr_array:
-    """Return the (N q, N q) Hermitian second derivatives of elements by waves of the coordinates.
+    """Return the (N q, N q) second derivatives of elements by waves of the coordinates; Hermitian of an energy.
 
     Parameters
     ----------
@@ -82,8 +81,6 @@ def wave_stiffness(
         (N, K, t) rotations per length of each coordinate of turns; K = 0 where nothing turns.
     packing, fraction_d
         As in `wave_phases`.
-    single_nqq
-        (N, q, q) second derivatives of what acts on single particles.
 
     """
     particles, turns, t = turn_nkt.shape
@@ -105,10 +102,6 @@ def wave_stiffness(
                 blocks.append(block if a == b else block * (phase if b else phase.conj()))
                 rows.append(first)
                 columns.append(second)
-    if single_nqq is not None:
-        blocks.append(single_nqq)
-        rows.append(np.arange(particles))
-        columns.append(np.arange(particles))
     size = particles * q
     if not blocks:
         return sp.csr_array((size, size), dtype=complex)
@@ -116,5 +109,5 @@ def wave_stiffness(
     at_row = np.broadcast_to(row[:, None, None] * q + np.arange(q)[:, None], block.shape)
     at_column = np.broadcast_to(column[:, None, None] * q + np.arange(q), block.shape)
     found = sp.csr_array(sp.coo_array((block.ravel(), (at_row.ravel(), at_column.ravel())), shape=(size, size)))
-    # but for rounding it is
-    return sp.csr_array(0.5 * (found + found.conj().T))
+    # but for rounding it is Hermitian
+    return sp.csr_array(0.5 * (found + found.conj().T)) if all(one.symmetric for one in elements) else found

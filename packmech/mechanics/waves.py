@@ -17,9 +17,11 @@ from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import KINDS, Kind, finite_array, instance, integer, one_of
 from packmech.jit.blas import single_thread
+from packmech.linalg.factor import eigenvalues_below
+from packmech.measure.contact_forces import resting_forces, unless_at_rest
 from packmech.mechanics.assembly import assemble
 from packmech.mechanics.hessian import refuse_no_copies
-from packmech.mechanics.relaxation import RelaxedStrains, relax
+from packmech.mechanics.relaxation import relax
 from packmech.mechanics.system import System, system_of
 from packmech.mechanics.wave_matrices import wave_stiffness
 from packmech.scene import Scene
@@ -29,9 +31,15 @@ _DENSE_ROWS = 1200
 _DENSE_LIMIT = 8192
 # the shift lies this far below zero, in bounds on the largest eigenvalue
 _SHIFT = 1e-6
+_ROUNDS = 6
 
 
-@shown(lambda one: f"{one.frequency_km.shape[1]} branches at {len(one.wave_vector_kd)} wave vectors")
+def _in_words(one: Waves) -> str:
+    words = f"{one.frequency_km.shape[1]} branches at {len(one.wave_vector_kd)} wave vectors"
+    return unless_at_rest(one.force_residual, one.at_rest, words if one.available else f"{words}: all particles rattle")
+
+
+@shown(_in_words)
 @dataclass(frozen=True, eq=False)
 class Waves:
     """Frequencies of waves through copies of a packing.
@@ -54,6 +62,11 @@ class Waves:
         (N',) particles that took part.
     seconds
         CPU time.
+    force_residual, at_rest
+        Largest net force over mean contact force of the packing as given [1], and whether that is rest, as in `Modes`:
+        elsewhere these are no frequencies.
+    missed
+        Waves below the highest ones returned that an inertia count sees and this list lacks; 0 in a correct answer.
 
     """
 
@@ -65,6 +78,9 @@ class Waves:
     residual: float
     index_n: NDArray[np.int64]
     seconds: float
+    force_residual: float
+    at_rest: bool
+    missed: int = 0
 
     @property
     def complete(self) -> bool:
@@ -186,7 +202,7 @@ def _waves(
 ) -> Waves:
     start = time.process_time()
     one_of("kind", kind, KINDS)
-    refuse_no_copies(scene, "scene")
+    refuse_no_copies(scene, "scene must be without")
     system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
     network = system.network
     there = network.there_nq.ravel()
@@ -196,48 +212,72 @@ def _waves(
     if dense and branches > _DENSE_LIMIT:
         raise ValueError(f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {branches}")
     weight = 1.0 / np.sqrt(np.repeat(scene.packing.mass_n[network.index_n], network.there_nq.sum(axis=1)))
-    frequency, residual = np.zeros((len(fraction_kd), wanted)), 0.0
+    frequency, residual, missed = np.zeros((len(fraction_kd), wanted)), 0.0, 0
     with single_thread():
         for k, fraction in enumerate(fraction_kd if wanted else []):
             whole = wave_stiffness(system.elements, network.turn_nkt, network.packing, fraction)[there][:, there]
             matrix = sp.csr_array(whole.multiply(weight[:, None]).multiply(weight[None, :]))
-            value, left = _lowest(matrix, wanted, dense)
+            value, left, lacking = _lowest(matrix, wanted, dense)
             frequency[k] = np.copysign(np.sqrt(np.abs(value)), value)
-            residual = max(residual, left)
+            residual, missed = max(residual, left), missed + lacking
     along = np.concatenate([[0.0], np.cumsum(_lengths(scene, np.diff(fraction_kd, axis=0)))])[: len(fraction_kd)]
+    seconds = time.process_time() - start
+    rest = resting_forces(scene)
     return Waves(
-        fraction_kd, frequency, along, corner_k, branches, residual, network.index_n, time.process_time() - start
+        *(fraction_kd, frequency, along, corner_k, branches, residual, network.index_n, seconds),
+        rest.residual,
+        rest.at_rest,
+        missed,
     )
 
 
-def _lowest(matrix: sp.csr_array, count: int, dense: bool) -> tuple[NDArray[np.float64], float]:
-    """Return the lowest eigenvalues of a Hermitian matrix, and the largest residual over a bound on all of them."""
+def _lowest(matrix: sp.csr_array, count: int, dense: bool) -> tuple[NDArray[np.float64], float, int]:
+    """Return the lowest eigenvalues of a Hermitian matrix, the largest residual over a bound, and how many lack."""
     import scipy.linalg
 
     bound = float(abs(matrix).sum(axis=1).max()) or 1.0
+    missed = 0
     if dense:
         value, vector = scipy.linalg.eigh(matrix.toarray(), subset_by_index=(0, count - 1))
     else:
-        value, vector = _shift_invert(matrix, count, bound)
+        value, vector, missed = _shift_invert(matrix, count, bound)
     left = np.abs(matrix @ vector - vector * value).max(initial=0.0)
     # rounding is no frequency
-    return np.where(np.abs(value) <= 1e-15 * bound * len(vector), 0.0, value), float(left / bound)
+    return np.where(np.abs(value) <= 1e-15 * bound * len(vector), 0.0, value), float(left / bound), missed
 
 
-def _shift_invert(matrix: sp.csr_array, count: int, bound: float) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+def _shift_invert(
+    matrix: sp.csr_array, count: int, bound: float
+) -> tuple[NDArray[np.float64], NDArray[np.complex128], int]:
+    """Return the lowest eigenvalues and vectors, and how many lower ones a count by inertia shows to be missing."""
+    # the real form has each eigenvalue twice
+    real = sp.csr_array(sp.block_array([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]]))
+    real.sort_indices()
     shift = -_SHIFT * bound
+    while eigenvalues_below(real, shift):
+        shift *= 8.0
     begin = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(complex)
-    while True:
-        value, vector = spla.eigsh(sp.csc_array(matrix), k=count, sigma=shift, which="LM", v0=begin, tol=0.0)
+    missed = 0
+    for _ in range(_ROUNDS):
+        # Lanczos may overlook members of a degenerate set: more are asked for
+        wanted = min(count + missed + 2, matrix.shape[0] - 2)
+        value, vector = spla.eigsh(sp.csc_array(matrix), k=wanted, sigma=shift, which="LM", v0=begin, tol=0.0)
         order = np.argsort(value)
         value, vector = value[order], vector[:, order]
-        # found around the shift: all lie above it where those found do
-        if value[0] > shift:
-            return value, vector
-        shift = 2.0 * min(float(value[0]), shift) - bound * _SHIFT
+        gap = np.diff(value[count - 1 :])
+        k = count - 1 + int(np.argmax(gap))
+        missed = eigenvalues_below(real, 0.5 * float(value[k] + value[k + 1])) // 2 - (k + 1)
+        if missed <= 0:
+            break
+    return value[:count], vector[:, :count], max(missed, 0)
 
 
-@shown(lambda one: f"speeds {', '.join(f'{v:.5g}' for v in one.speed_m)} [length/time]")
+def _speeds_in_words(one: SoundSpeeds) -> str:
+    words = f"speeds {', '.join(f'{v:.5g}' for v in one.speed_m)} [length/time]"
+    return unless_at_rest(one.force_residual, one.at_rest, words if one.density else "all particles rattle: no sound")
+
+
+@shown(_speeds_in_words)
 @dataclass(frozen=True, eq=False)
 class SoundSpeeds:
     """Speeds of the d waves of great length along one direction, ascending.
@@ -254,6 +294,8 @@ class SoundSpeeds:
         Mass of the particles that take part over the volume [mass/length^d].
     residual
         Of the linear solve, over the largest force of a contact under a unit strain [1].
+    force_residual, at_rest
+        As in `Waves`.
 
     """
 
@@ -262,6 +304,8 @@ class SoundSpeeds:
     polarization_md: NDArray[np.float64]
     density: float
     residual: float
+    force_residual: float
+    at_rest: bool
 
 
 @shown_as("speeds of sound")
@@ -300,7 +344,7 @@ def sound_speeds(
     """
     instance("scene", scene, Scene)
     one_of("kind", kind, KINDS)
-    refuse_no_copies(scene, "scene")
+    refuse_no_copies(scene, "scene must be without")
     packing, d = scene.packing, scene.packing.dimension
     along = finite_array("direction", direction, shape=(d,), what="component")
     size = float(np.sqrt(along @ along))
@@ -311,13 +355,15 @@ def sound_speeds(
         system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
         relaxed = _relaxed(system, np.eye(d)[:, :, None] * along)
     density = float(packing.mass_n[system.network.index_n].sum()) / packing.box.volume
+    rest = resting_forces(scene)
     if not density:
-        return SoundSpeeds(along, np.zeros(d), np.eye(d), 0.0, 0.0)
+        return SoundSpeeds(along, np.zeros(d), np.eye(d), 0.0, 0.0, rest.residual, rest.at_rest)
     stiffness, residual = relaxed
     value, vector = np.linalg.eigh(stiffness / (packing.box.volume * density))
     # rounding of what cancels is no speed
     value[np.abs(value) <= 1e-13 * np.abs(value).max(initial=0.0)] = 0.0
-    return SoundSpeeds(along, np.copysign(np.sqrt(np.abs(value)), value), vector.T, density, residual)
+    speed = np.copysign(np.sqrt(np.abs(value)), value)
+    return SoundSpeeds(along, speed, vector.T, density, residual, rest.residual, rest.at_rest)
 
 
 def _relaxed(system: System, gradient_edd: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
@@ -326,13 +372,5 @@ def _relaxed(system: System, gradient_edd: NDArray[np.float64]) -> tuple[NDArray
     assembled = assemble(system.elements, network.turn_nkt, network.dimension, basis_edd=gradient_edd)
     if not network.pinned_f.any():
         return assembled.corner_ee, 0.0
-    found: RelaxedStrains = relax(_Gradients(network, system.terms, system.elements, assembled))
+    found = relax(System(network, system.terms, system.elements, assembled, carried=False))
     return assembled.corner_ee - found.relief_ee, found.residual
-
-
-class _Gradients(System):
-    """A system whose strains are displacement gradients, which take no displacements along."""
-
-    @property
-    def _carried_nqe(self) -> NDArray[np.float64]:
-        return np.zeros_like(self.assembled.column_nqe)

@@ -22,6 +22,7 @@ from packmech.jamming.certificates import yield_to_loads
 from packmech.jamming.contact_selection import backbone_contacts, backbone_of, check_rest, select_contacts
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import largest_smallest_force
+from packmech.jamming.tiled import copies_of
 
 PRESSURE = 1e-8
 # particles, dimension, copies of the jammed cell, seconds and megabytes asked for
@@ -85,14 +86,6 @@ def cell(particles: int, dimension: int) -> pm.Packing:
     return soft_packing(particles, dimension, "free", 1, pressure=1e-9)
 
 
-def copies(packing: pm.Packing, repeats: tuple[int, ...]) -> pm.Packing:
-    """Return copies of a packing side by side."""
-    place = np.stack(np.meshgrid(*map(np.arange, repeats), indexing="ij"), axis=-1).reshape(-1, packing.dimension)
-    position = packing.position_nd[None] + (place @ packing.box.lattice_dd.T)[:, None]
-    box = pm.Box(packing.box.lattice_dd * np.array(repeats))
-    return pm.Packing(position.reshape(-1, packing.dimension), np.tile(packing.radius_n, len(place)), box)
-
-
 def one_verdict(packing: pm.Packing, method: str) -> tuple[float, float, str, float, float]:
     """Return CPU seconds (median of three), megabytes beyond the idle process, verdict, gap and longest motion."""
     pm.classify_jamming(pm.lattice_packing("triangular", (4, 4)), method=method)
@@ -133,7 +126,7 @@ def measure_goals(slowness: float) -> None:
     print(f"{heading} {'gap':>8} {'max|y|':>8}  collective/strict")
     spawning = multiprocessing.get_context("spawn")
     for particles, dimension, repeats, seconds, memory in GOALS:
-        packing = copies(cell(particles // int(np.prod(repeats)), dimension), repeats)
+        packing = copies_of(cell(particles // int(np.prod(repeats)), dimension), repeats)
         for method in ("certificate", "loads"):
             with spawning.Pool(1) as pool:
                 took, peak, said, gap, longest = pool.apply(one_verdict, (packing, method))

@@ -162,3 +162,9 @@ def test_a_small_search_that_goes_in_circles_begins_anew_after_settling():
     names = [one.name for one in run.stages]
     assert names.count("hard packing") == 2 and "settling" in names
     assert run.ok and run.report["force_imbalance"] < 1e-9
+
+
+def test_a_large_packing_that_is_followed_is_not_settled_anew():
+    first = pm.jam(scene(1024, 21), pressure=1e-6)
+    again = pm.jam(scene(1024, 21).replace(packing=first.packing), pressure=1e-7)
+    assert again.ok and "settling" not in [one.name for one in again.stages]

@@ -196,10 +196,106 @@ def test_the_referee_uses_nothing_of_what_made_the_verdict():
         if isinstance(node, ast.Import | ast.ImportFrom)
         for name in ([node.module] if isinstance(node, ast.ImportFrom) else [one.name for one in node.names])
     }
-    assert used == {"__future__", "dataclasses", "fractions", "itertools", "numpy", "pathlib", "typing", "zipfile"}
+    assert used == {
+        "__future__",
+        "dataclasses",
+        "fractions",
+        "itertools",
+        "numpy",
+        "pathlib",
+        "typing",
+        "zipfile",
+        "zlib",
+    }
 
 
 def test_verdicts_without_grounds_and_of_shapes_are_not_written(tmp_path):
     ambiguous = pm.classify_jamming(pm.random_packing(20, dimension=2, packing_fraction=0.8, seed=1))
     with pytest.raises(ValueError, match="verdict must have an answer with grounds, got ambiguous"):
         pm.write_certificate(ambiguous, tmp_path / "one.npz")
+
+
+def forged(tmp_path, **arrays):
+    """Return what the referee says of arrays that nobody's verdict gave."""
+    path = tmp_path / "forged.npz"
+    with open(path, "wb") as file:
+        write_archive(file, arrays)
+    return pm.verify(path)
+
+
+def genuine(packing, written):
+    return arrays_of(written(pm.classify_jamming(packing)))
+
+
+def test_a_jammed_crystal_is_not_unjammed_by_leaving_particles_out_of_its_backbone(tmp_path, written):
+    # the honeycomb that is left of a triangular crystal without the middles of its hexagons has floppy motions
+    held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
+    out = {0, 4, 8}
+    kept = np.array([i not in out and j not in out for i, j in zip(held["i_c"], held["j_c"], strict=True)])
+    held["backbone_n"][sorted(out)] = False
+    for name in ("i_c", "j_c", "image_cd"):
+        held[name] = held[name][kept]
+    motion = np.random.default_rng(0).normal(size=held["position_nd"].shape)
+    for one in ("collective", "strict"):
+        held |= {f"{one}_verdict": np.array("not jammed"), f"{one}_displacement_nd": motion}
+        held[f"{one}_strain_dd"] = np.zeros((2, 2))
+    found = forged(tmp_path, **held)
+    assert not found and "not in the backbone hold each other" in str(found)
+
+
+def test_the_tolerance_does_not_decide_what_touches_unless_it_is_a_tolerance(tmp_path, written):
+    held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
+    held |= {"gap_tolerance": np.array(-0.09), "backbone_n": np.zeros(9, dtype=bool)}
+    for name in ("i_c", "j_c", "image_cd"):
+        held[name] = held[name][:0]
+    for one in ("collective", "strict"):
+        held[f"{one}_verdict"] = np.array("not jammed")
+    found = forged(tmp_path, **held)
+    assert not found and "tolerance from 0 to 0.1" in str(found)
+
+
+def test_one_particle_alone_is_not_jammed_for_free(tmp_path, written):
+    held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
+    held["backbone_n"] = np.arange(9) == 0
+    for name in ("i_c", "j_c", "image_cd", "collective_force_c", "strict_force_c"):
+        held[name] = held[name][:0]
+    assert not forged(tmp_path, **held)
+
+
+def test_a_particle_held_by_its_own_images_is_not_taken_out(tmp_path, written):
+    held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
+    one = pm.lattice_packing("triangular", repeats=(1, 1))
+    held |= {"position_nd": one.position_nd, "radius_n": one.radius_n, "lattice_dd": one.box.lattice_dd}
+    held["backbone_n"] = np.zeros(1, dtype=bool)
+    for name in ("i_c", "j_c", "image_cd"):
+        held[name] = held[name][:0]
+    for name in ("collective", "strict"):
+        held[f"{name}_verdict"] = np.array("not jammed")
+    found = forged(tmp_path, **held)
+    assert not found and "hold each other" in str(found)
+
+
+def test_numbers_that_are_too_large_to_be_added_up_prove_nothing():
+    matrix = np.full((3, 4), 1e200)
+    with pytest.raises(referee.Refused, match="too large|no full rank"), np.errstate(all="ignore"):
+        referee._smallest_singular_value(matrix, 2, 2)
+
+
+def test_a_particle_inside_of_another_is_refused_wherever_it_belongs(tmp_path, written):
+    held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
+    held["position_nd"] = np.vstack([held["position_nd"], held["position_nd"][:1] + 0.1])
+    held["radius_n"], held["backbone_n"] = np.append(held["radius_n"], 0.5), np.append(held["backbone_n"], False)
+    found = forged(tmp_path, **held)
+    assert not found and "overlap by" in str(found)
+
+
+def test_damaged_and_boundless_archives_are_refused_and_not_raised(tmp_path, written):
+    path = written(pm.classify_jamming(pm.lattice_packing("triangular", repeats=(3, 3))))
+    whole = path.read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        damaged = bytearray(whole)
+        damaged[int(rng.integers(len(whole)))] ^= int(rng.integers(1, 256))
+        path.write_bytes(bytes(damaged))
+        # bytes that nobody reads may be any
+        pm.verify(path)

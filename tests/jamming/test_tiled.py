@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.jamming.tiled import _commensurate, _Waves, copies_of
+from packmech.jamming.tiled import _commensurate, _cover, _Waves, copies_of
 
 
 def jammed(particles, seed, strain):
@@ -72,13 +72,52 @@ def test_the_bounds_hold_at_wave_vectors_drawn_at_random(seed):
         middle, half = rng.uniform(-0.5, 0.5, size=2), rng.uniform(0.0, 0.05, size=2)
         there = middle + rng.uniform(-1.0, 1.0, size=2) * half
         assert abs(waves.smallest(middle) - waves.smallest(there)) <= waves.change(half)
-    long = waves.long_waves()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_bound_for_long_waves_holds_for_waves_drawn_at_random(seed):
+    waves = waves_of(jammed(16, seed, "free").packing)
+    rng = np.random.default_rng(seed)
+    long, bounds = waves.long_waves(), waves.strained()
     assert long > 0.0
     reciprocal = 2.0 * np.pi * waves.packing.box.inverse_dd
-    for angle in rng.uniform(0.0, 2.0 * np.pi, size=20):
-        for part in (1.0, 0.3):
-            k = part * long * np.array([np.cos(angle), np.sin(angle)])
-            assert waves.smallest(np.linalg.solve(reciprocal.T, k)) > 0.0
+    for angle in rng.uniform(0.0, 2.0 * np.pi, size=40):
+        size = float(rng.uniform(0.0, 1.0)) * long
+        k = size * np.array([np.cos(angle), np.sin(angle)])
+        rows = waves.rows(np.linalg.solve(reciprocal.T, k))
+        moved = rng.normal(size=rows.shape[1]) + 1j * rng.normal(size=rows.shape[1])
+        mean = moved.reshape(-1, 2).mean(axis=0)
+        rest = moved - np.tile(mean, len(moved) // 2)
+        # waves that are all but translations, and others
+        for part in (1.0, 1e-3):
+            wave = np.tile(mean, len(moved) // 2) + part * rest
+            alpha, beta = bounds.errors(size)
+            x = bounds.scale * np.linalg.norm(mean) * size / np.sqrt(2.0)
+            w = part * np.linalg.norm(rest)
+            assert np.linalg.norm(rows @ wave) >= bounds.smallest * np.hypot(x, w) - alpha * x - beta * w
+
+
+def test_a_wave_that_changes_nothing_is_no_proof_however_small_its_cell(monkeypatch):
+    waves = waves_of(jammed(16, 0, "free").packing)
+    there = np.array([0.312, 0.27])
+    monkeypatch.setattr(waves, "smallest", lambda f: 0.9 * waves.change(np.abs(f - there)) + 1e-16)
+    found = _cover(waves)
+    assert found.collective == "ambiguous"
+    np.testing.assert_allclose(found.wave_vector_d, there, atol=1e-6)
+
+
+def test_one_disc_among_its_own_images_is_jammed_for_all_repeats():
+    tiled = pm.classify_jamming(pm.lattice_packing("triangular", repeats=(1, 1)), tiled=True).tiled
+    assert (tiled.collective, tiled.strict) == ("jammed", "jammed")
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_where_particles_are_written_does_not_matter(seed):
+    packing = jammed(16, seed, "free").packing
+    away = np.random.default_rng(seed).integers(-2, 3, size=(16, 2))
+    moved = packing.replace(position_nd=packing.position_nd + away @ packing.box.lattice_dd.T)
+    one, two = (pm.classify_jamming(p, tiled=(3, 2)).tiled for p in (packing, moved))
+    assert (one.collective, one.strict) == (two.collective, two.strict)
 
 
 def test_rows_of_all_waves_are_the_rows_of_copies():
@@ -102,14 +141,17 @@ def test_rows_of_all_waves_are_the_rows_of_copies():
 
 def test_each_wave_of_copies_is_looked_at_once_up_to_its_conjugate():
     found = _commensurate((4, 3))
-    assert len({tuple(fraction) for _, fraction in found}) == len(found)
+    listed = {tuple(np.round(fraction, 12)) for _, fraction in found}
+    opposite = {tuple(np.round(-fraction % 1.0, 12)) for _, fraction in found}
+    assert len(listed) == len(found)
+    # only waves that are their own conjugates are in both
+    assert all(2.0 * a % 1.0 == 0.0 and 2.0 * b % 1.0 == 0.0 for a, b in listed & opposite)
     for many, fraction in found:
         np.testing.assert_allclose(fraction * many, np.rint(fraction * many), atol=1e-12)
     # all fractions with denominators up to 4 and 3
     parts = [{p / k for k in range(1, n + 1) for p in range(k)} for n in (4, 3)]
     every = {(a, b) for a, b in itertools.product(*parts)} - {(0.0, 0.0)}
-    listed = {tuple(f) for _, f in found} | {tuple((-one) % 1.0 for one in f) for _, f in found}
-    assert {tuple(np.round(one, 12)) for one in listed} == {tuple(np.round(one, 12)) for one in every}
+    assert listed | opposite == {tuple(np.round(one, 12)) for one in every}
 
 
 @pytest.mark.parametrize(

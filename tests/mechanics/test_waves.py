@@ -70,6 +70,14 @@ def test_ellipses_turn_in_waves_too():
     matrix = pm.hessian(scene, "none", wave_vector=[0.3, -0.2]).toarray()
     assert matrix.shape == (36, 36)
     np.testing.assert_allclose(matrix, matrix.conj().T, atol=1e-14)
+    half = [np.linalg.eigvalsh(pm.hessian(scene, "none", wave_vector=[f, 0.0]).toarray()) for f in (0.0, 0.5)]
+    packing = scene.packing
+    position = np.concatenate([packing.position_nd, packing.position_nd + packing.box.lattice_dd[:, 0]])
+    shapes = pm.Spheroids(np.tile(packing.shapes.aspect_n, 2), np.tile(packing.shapes.orientation_nq, (2, 1)))
+    box = pm.Box(packing.box.lattice_dd * [2.0, 1.0])
+    two = pm.Packing(position, np.tile(packing.radius_n, 2), box, shapes=shapes)
+    wanted = np.linalg.eigvalsh(pm.hessian(scene.replace(packing=two), "none").toarray())
+    np.testing.assert_allclose(np.sort(np.concatenate(half)), wanted, atol=1e-11)
     np.testing.assert_allclose(
         pm.hessian(scene, "none", wave_vector=[1.0, 0.0]).toarray(), pm.hessian(scene, "none").toarray(), atol=1e-12
     )
@@ -79,9 +87,33 @@ def test_rows_at_a_wave_vector_give_the_stiffness_without_forces():
     scene = rest(16, 2, 2)
     rows = pm.rigidity_matrix(scene.packing, "none", wave_vector=[0.2, 0.4])
     stiffness = 1.0 / pm.find_contacts(scene.packing).contact_distance_c ** 2
-    wanted = (rows.conj().T @ (stiffness[:, None] * rows.toarray())).real
+    wanted = rows.conj().T @ (stiffness[:, None] * rows.toarray())
     found = pm.hessian(scene, "none", "unstressed", wave_vector=[0.2, 0.4]).toarray()
-    np.testing.assert_allclose(found.real, wanted, atol=1e-12)
+    np.testing.assert_allclose(found, wanted, atol=1e-12)
+
+
+def test_copies_farther_along_move_by_the_phase_as_often_as_they_are_boxes_away():
+    # two discs in a row around the box: 1 touches 0 of the next box, whose motion is exp(2 pi i f) times that of 0
+    pair = pm.Packing([[0.5, 1.5], [1.5, 1.5]], 0.5, pm.Box([2.0, 3.0]))
+    contacts = pm.find_contacts(pair, gap_tolerance=1e-9)
+    f = 0.1
+    rows = pm.rigidity_matrix(pair, "none", contacts=contacts, wave_vector=[f, 0.0]).toarray()
+    for row, image in zip(rows, contacts.image_cd[:, 0], strict=True):
+        # i = 0 and j = 1: beside 0 in the box, or in the box before it
+        side = 1.0 if image == 0 else -1.0
+        np.testing.assert_allclose(row, [-side, 0.0, side * np.exp(2j * np.pi * f * image), 0.0], atol=1e-15)
+    assert sorted(contacts.image_cd[:, 0]) == [-1, 0]
+
+
+def test_waves_that_grow_are_found_among_many_coordinates():
+    start = pm.random_packing(700, dimension=2, packing_fraction=0.9, seed=1)
+    scene = pm.Scene(start, SPRINGS)
+    wave = [[0.3, 0.1]]
+    few = pm.waves(scene, wave, count=4, rattlers="keep")
+    matrix = pm.dynamical_matrix(scene, wave_vector=wave[0]).toarray()
+    lowest = np.linalg.eigvalsh(matrix)[:4]
+    assert lowest[0] < -1.0 and few.missed == 0
+    np.testing.assert_allclose(few.frequency_km[0], -np.sqrt(-lowest), rtol=1e-9)
 
 
 @pytest.mark.parametrize("overlap", [0.0, 0.03])

@@ -874,7 +874,7 @@ def stands(fault: Fault, root: Path) -> bool:
     return path.is_file() and path.read_text(encoding="utf-8").count(fault.was) == 1
 
 
-# part of the house by the start of its files, the first that fits
+# part of the package by the start of its files, the first that fits
 PARTS = {
     "packmech/effects/": "laws",
     "packmech/contacts/": "contacts",
@@ -896,5 +896,5 @@ PARTS = {
 
 
 def part_of(file: str) -> str:
-    """Return the part of the house that a file belongs to."""
+    """Return the part of the package that a file belongs to."""
     return next((part for start, part in PARTS.items() if file.startswith(start)), "others")
