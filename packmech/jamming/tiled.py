@@ -83,7 +83,7 @@ class _StrainedRows(NamedTuple):
 
     smallest: float
     scale: float
-    count: int
+    contacts: int
     longest: float
     bound: float
     largest: float
@@ -91,7 +91,7 @@ class _StrainedRows(NamedTuple):
     def errors(self, k: float) -> tuple[float, float]:
         """Return alpha and beta at a wave vector of this length [1/length]."""
         v = self.longest
-        alpha = np.sqrt(2.0 * self.count) * k**2 * v**3 / (24.0 * self.scale)
+        alpha = np.sqrt(2.0 * self.contacts) * k**2 * v**3 / (24.0 * self.scale)
         return float(alpha), float(self.bound * k * v / 2.0 + self.largest * (k * v) ** 2 / 8.0)
 
 
