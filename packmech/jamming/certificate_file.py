@@ -1,4 +1,4 @@
-"""A verdict in a file, with all that an independent referee needs to prove it anew."""
+"""A verdict in a file, with all that an independent referee needs to check it."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _grounds(name: str, answer: JammingAnswer, claimed: str) -> dict[str, NDArra
     return {}
 
 
-@shown_as("proving it anew")
+@shown_as("checking the certificate")
 @clear_errors
 def verify(path: str | Path) -> Verification:
     """Return whether an independent referee proves what the certificate in a file claims.

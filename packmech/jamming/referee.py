@@ -45,7 +45,7 @@ class Verification:
     Attributes
     ----------
     accepted
-        Whether all that it claims was proven anew.
+        Whether all that it claims was proven, without what made it.
     collective, strict
         What was proven: "jammed", "not jammed", or "" where nothing was claimed or the proof failed.
     reasons
