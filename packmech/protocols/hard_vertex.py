@@ -35,8 +35,8 @@ _LARGE = 1000
 _SETTLED, _SETTLED_TOLERANCE = 1e-3, 1e-2
 # correctors of an interior-point step of packings as large
 _CORRECTORS = 6
-# A small packing's search takes 20 to 200 iterations. One that takes more goes in circles now and then (one of 144 starts
-# did, of 24 with 512 discs: three steps for ever): after so many it starts again as that of a large packing.
+# A small packing's search takes 20 to 200 iterations. One that takes more goes in circles now and then: one of 144
+# starts did, of 24 with 512 discs, three steps for ever. After so many it starts again as that of a large packing.
 _CIRCLES = 500
 
 
