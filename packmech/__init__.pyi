@@ -50,6 +50,8 @@ from packmech.view.trajectory import snapshots as snapshots
 from packmech.files.packings import read_law as read_law
 from packmech.scenes.scene_file import read_scene as read_scene
 from packmech.scenes.scene_file import write_scene as write_scene
+from packmech.scenes.export import Export as Export
+from packmech.scenes.export import export_scene as export_scene
 from packmech.files.tables import read_table as read_table
 from packmech.files.tables import write_table as write_table
 

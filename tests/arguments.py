@@ -35,7 +35,7 @@ RESULTS = {
     "ShearFamilies", "ShellAverage", "SpectrumFit",
     "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
     "particle_shear",
-    "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
+    "Export", "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
 }  # fmt: skip
 
 MINIMIZERS = {
@@ -216,6 +216,7 @@ def good(name, folder):
         "read_scene": lambda: {"path": "default"},
         "write_packing": lambda: {"packing": touching(), "path": folder / "b.npz"},
         "write_scene": lambda: {"scene": scene(), "path": folder / "b.toml"},
+        "export_scene": lambda: {"scene": scene(), "folder": folder / "peer", "to": "lammps"},
         "Scene": lambda: {"packing": touching(), "effects": (pm.Repulsion(),)},
         "perturbation_energy": lambda: {"scene": scene(), "displacement_nd": np.zeros((9, 2))},
         "project_force": lambda: {"packing": touching(), "force_nd": np.ones((9, 2))},

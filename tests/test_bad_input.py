@@ -566,6 +566,8 @@ BAD = {
     "dispersion.points": [*COUNT, None],
     "sound_speeds.direction": [[0.0, 0.0], [1.0], [1.0, NAN], "x", None],
     "write_certificate.verdict": [3, "verdict", None, touching()],
+    "export_scene.to": ["hoomd", "", 3, None],
+    "export_scene.folder": ["", 3, None, "a\0b"],
     "tiled": [(0, 1), (2,), (1, 99), 3, "yes", None],
     "strain_dd": [np.eye(3), [[0.0, 1.0], [0.0, 0.0]], np.full((2, 2), INF), "e"],
     # accuracy and recording

@@ -188,6 +188,7 @@ ELSEWHERE = {
     "cement": "jam and moduli: tests/protocols/test_cement.py",
     "local_yield_stress": "a minimization by other means: tests/protocols/test_local_yield.py",
     "displaced_rest": "exact arithmetic: tests/hard_cases/tiny_pressures.py, laws by kinds: tests/hard_cases/rough.py",
+    "export_scene": "energy and pressure, as other programs find them: tests/scenes/test_export.py",
     "play_motion": "geometry alone: tests/jamming/test_play.py",
 }
 
