@@ -71,7 +71,7 @@ def out_of_balance(rest: RestCheck | None, selection: ContactSelection) -> str:
 
 def off_plateau(selection: ContactSelection) -> str:
     """Return how the excess contacts depend on the gap tolerance; an empty string if they do not, or it was given."""
-    if selection.rule == "given" or selection.on_plateau:
+    if selection.on_plateau:
         return ""
     steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in selection.levels)
     return (
