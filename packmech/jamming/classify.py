@@ -422,7 +422,9 @@ def _repeats(packing: Packing, tiled: bool | Sequence[int], method: str) -> tupl
         what = f"{len(packing.links)} rigid links" if packing.links else type(packing.shapes).__name__
         raise ValueError(f"tiled must be left out but for discs and spheres without rigid links, got {what}")
     if method == "loads":
-        raise ValueError('tiled must be left out with method "loads", which gives no contact forces')
+        raise ValueError(
+            'tiled must be left out with method "loads", which gives no contact forces: method="certificate"'
+        )
     if tiled is True:
         return None
     if np.ndim(tiled) != 1 or isinstance(tiled, str):
