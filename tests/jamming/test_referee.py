@@ -271,6 +271,64 @@ def test_the_tolerance_does_not_decide_what_touches_unless_it_is_a_tolerance(tmp
     assert not found and "tolerance from 0 to 0.1" in str(found)
 
 
+SHEAR, GROWTH, TURN = np.diag([0.1, -0.1]), 0.1 * np.eye(2), np.array([[0.0, 0.1], [-0.1, 0.0]])
+# of a crystal: what is written over its certificate, and what the referee must say
+FORGERIES = {
+    "tolerance": ("triangular", lambda held: {"gap_tolerance": np.array(0.3)}, "tolerance from 0 to 0.1"),
+    "distances": ("triangular", lambda held: {"radius_n": 0.95 * held["radius_n"]}, "has a gap or overlap of"),
+    "force": ("triangular", lambda held: {"collective_force_c": 1.0 + 0.01 * (held["i_c"] == 0)}, "known to"),
+    # along lines of discs forces balance at each disc, and strain the box
+    "stress": ("triangular", lambda held: {"strict_force_c": 1.0 + along_x(held)}, "known to"),
+    "translation": ("square", lambda held: moving(held, np.ones(2), np.zeros((2, 2))), "must be no translation"),
+    "growth": ("square", lambda held: moving(held, np.zeros(2), GROWTH), "must not enlarge the box"),
+    "turn": ("square", lambda held: moving(held, np.zeros(2), TURN), "the strain must be symmetric"),
+    "fixed box": (
+        "square",
+        lambda held: {"collective_displacement_nd": np.zeros((9, 2)), "collective_strain_dd": SHEAR},
+        "zero where the box is fixed",
+    ),
+    "closing": ("square", lambda held: moving(held, np.zeros(2), SHEAR), "closes a contact"),
+    "left out": ("square", lambda held: {n: held[n][1:] for n in ("i_c", "j_c", "image_cd")}, "are not among the"),
+}
+
+
+def along_x(held):
+    vector = held["position_nd"][held["j_c"]] - held["position_nd"][held["i_c"]]
+    vector = vector + held["image_cd"] @ held["lattice_dd"].T
+    return np.abs(vector[:, 1]) < 1e-9
+
+
+def moving(held, all_alike, strain):
+    return {"strict_displacement_nd": np.tile(all_alike, (9, 1)), "strict_strain_dd": strain}
+
+
+@pytest.mark.parametrize("name", FORGERIES)
+def test_forged_grounds_prove_nothing(name, tmp_path, written):
+    lattice, change, says = FORGERIES[name]
+    held = genuine(pm.lattice_packing(lattice, repeats=(3, 3)), written)
+    assert forged(tmp_path, **held)
+    found = forged(tmp_path, **held | change(held))
+    assert not found and says in str(found), str(found)
+
+
+def test_links_are_neither_stretched_nor_left_without_balance(tmp_path, written):
+    # three linked discs in a row, far from all others: they turn together, and not against each other
+    row = np.array([[1.0, 2.0], [2.0, 2.0], [3.0, 2.0]])
+    links = pm.Links([0, 1], [1, 2], [[0, 0], [0, 0]], [1.0, 1.0])
+    packing = pm.Packing(row, 0.5, pm.Box.cubic(8.0, 2), links=links)
+    arrays = {
+        "kind": "certificate of jamming", "version": 1, "position_nd": row, "radius_n": packing.radius_n,
+        "lattice_dd": packing.box.lattice_dd, "backbone_n": np.ones(3, dtype=bool), "gap_tolerance": 1e-9,
+        "strain": "free", **{f"{n}_c": np.zeros(0, dtype=int) for n in "ij"}, "image_cd": np.zeros((0, 2), dtype=int),
+        "i_l": links.i_l, "j_l": links.j_l, "image_ld": links.image_ld, "strict_verdict": "",
+        "collective_verdict": "not jammed", "collective_strain_dd": np.zeros((2, 2)),
+    }  # fmt: skip
+    turned, stretched = np.array([[0.0, 1.0], [0.0, 0.0], [0.0, -1.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]])
+    assert forged(tmp_path, **arrays, collective_displacement_nd=turned)
+    found = forged(tmp_path, **arrays, collective_displacement_nd=stretched)
+    assert not found and "stretches a link" in str(found)
+
+
 def test_one_particle_alone_is_not_jammed_for_free(tmp_path, written):
     held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
     held["backbone_n"] = np.arange(9) == 0

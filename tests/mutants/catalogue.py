@@ -114,7 +114,20 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/jamming/classify.py": (*_SELECTED, *_LINKED),
     "packmech/jamming/verdict.py": (*_tests("jamming", "verdict gap_sensitivity jamming"), *_LINKED),
     "packmech/jamming/room.py": _tests("jamming", "room"),
-    "packmech/jamming/referee.py": _tests("jamming", "referee"),
+    # those that need no packing to be jammed first
+    "packmech/jamming/referee.py": (
+        *_named(
+            "jamming/test_referee",
+            "forged_grounds_prove_nothing links_are_neither_stretched_nor_left_without_balance "
+            "the_tolerance_does_not_decide_what_touches_unless_it_is_a_tolerance "
+            "one_particle_alone_is_not_jammed_for_free a_particle_held_by_its_own_images_is_not_taken_out "
+            "a_particle_inside_of_another_is_refused_wherever_it_belongs "
+            "a_jammed_crystal_is_not_unjammed_by_leaving_particles_out_of_its_backbone "
+            "the_bound_on_singular_values_holds numbers_that_are_too_large_to_be_added_up_prove_nothing "
+            "discs_that_hold_nothing_are_taken_out_one_by_one",
+        ),
+        *_tests("jamming", "referee"),
+    ),
     "packmech/jamming/tiled.py": _tests("jamming", "tiled"),
     "packmech/mechanics/waves.py": _tests("mechanics", "waves"),
     "packmech/mechanics/wave_matrices.py": _tests("mechanics", "waves"),
@@ -867,7 +880,12 @@ CATALOGUE: list[Fault] = [
             "if not (self.backbone_n[self.pairs[0]].all() and self.backbone_n[self.pairs[1]].all()):",
             "if False:",
         ),
-        ("forces may pull", "force.shape != (count,) or not (force > 0.0).all():", "force.shape != (count,):"),
+        (
+            "forces may pull",
+            "force.shape != (count,) or not (force > 0.0).all():",
+            "force.shape != (count,):",
+            "the smallest weight must be above its error; if all pull, minus these balance and push",
+        ),
         ("forces need no balance", "if not min(smallest, pressing) > error:", "if not min(smallest, pressing) > 0.0:"),
         ("what moves softly is held by small forces", "* (1.0 + 1e-9) / least", "* (1.0 + 1e-9)"),
         ("stresses need no balance", "rest += [(2 - (a == b)) * (stress", "_ = [(2 - (a == b)) * (stress"),
@@ -904,6 +922,7 @@ CATALOGUE: list[Fault] = [
             "strictly jammed need not be collectively so",
             'if proven["strict"] == JAMMED and proven["collective"] == NOT_JAMMED:',
             "if False:",
+            "both proofs would have to hold, and a packing that is strictly jammed is collectively so",
         ),
         ("what was not proven is accepted", "            accepted = False\n", ""),
     ),
