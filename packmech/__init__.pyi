@@ -178,10 +178,10 @@ from packmech.protocols.anneal import tap as tap
 from packmech.protocols.anneal import anneal_shape as anneal_shape
 
 # is it jammed
+from packmech.jamming.certificate_file import Verification as Verification
 from packmech.jamming.certificate_file import verify as verify
 from packmech.jamming.certificate_file import write_certificate as write_certificate
 from packmech.jamming.classify import classify_jamming as classify_jamming
-from packmech.jamming.referee import Verification as Verification
 from packmech.jamming.verdict import TiledAnswer as TiledAnswer
 from packmech.jamming.verdict import Verdict as Verdict
 from packmech.jamming.play import play_motion as play_motion

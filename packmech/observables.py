@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
-from packmech.check import brief, function, one_of
+from packmech.check import brief, function, instance, one_of
 from packmech.packing import Packing
 
 Column = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
@@ -337,10 +337,11 @@ class Table:
 
         Raises
         ------
-        KeyError
-            If there is none of that name.
+        TypeError, KeyError
+            If the name is no text, or there is none of that name.
 
         """
+        instance("name", name, str)
         axes = _AXES if f"{name}_zz" in self.columns else _AXES[:2]
         rows = [[self[f"{name}_{a}{b}"] for b in axes] for a in axes]
         return np.moveaxis(np.array(rows, dtype=np.float64), 2, 0)

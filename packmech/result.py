@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import as_html, as_text, shown, without_negative_zeros
-from packmech.check import brief
+from packmech.check import brief, table
 from packmech.observables import Table, columns_in, columns_of, make_table
 from packmech.packing import Packing
 
@@ -329,6 +329,8 @@ class Trace:
 
     def table(self, about: Mapping[str, Any] | None = None) -> Table:
         """Return every observable as columns, with what the run says of itself."""
+        if about is not None:
+            table("about", about)
         found = self.columns()
         tensor = next((value for value in found.values() if value.ndim == 3), None)
         own = {"kind": type(self).__name__, "dimension": None if tensor is None else tensor.shape[1]}

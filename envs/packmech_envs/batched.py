@@ -7,6 +7,7 @@ those of Gymnasium's `SyncVectorEnv` over as many single environments, bit for b
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from typing import Any, Generic, TypeVar
 
 import gymnasium as gym
@@ -22,8 +23,12 @@ from packmech_envs.episodes import Actions, Episodes, Infos
 from packmech_envs.quench import QuenchEpisodes, QuenchTask
 from packmech_envs.shear import ShearEpisodes, ShearTask
 from packmech_envs.tasks import count, task_of
+from packmech_envs.words import brief
 
 __all__ = ["BatchedEnv", "QuenchVectorEnv", "ShearVectorEnv"]
+
+# environments of a batch
+_MOST = 1_000_000
 
 Kind = TypeVar("Kind", bound=Episodes)
 
@@ -59,8 +64,8 @@ class BatchedEnv(VectorEnv[NDArray[np.float64], NDArray[np.float64], NDArray[Any
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {render_mode!r:.60}")
+        if render_mode is not None and not (isinstance(render_mode, str) and render_mode == "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array' for a batch, got {brief(render_mode)}")
         self._episodes, self.num_envs = episodes, len(episodes)
         self.task = episodes.task
         self.observation_names, self.action_names = episodes.observation_names, episodes.action_names
@@ -238,7 +243,7 @@ class QuenchVectorEnv(BatchedEnv[QuenchEpisodes]):
     Parameters
     ----------
     num_envs
-        How many.
+        How many, a million at most.
     scene, task, options
         As of `QuenchEnv`.
     threads
@@ -274,7 +279,7 @@ class QuenchVectorEnv(BatchedEnv[QuenchEpisodes]):
     ) -> None:
         task = task_of(QuenchTask, task, options)
         super().__init__(
-            QuenchEpisodes(count("num_envs", num_envs), scene, task, threads),
+            QuenchEpisodes(_number_of(num_envs), scene, task, threads),
             autoreset_mode=autoreset_mode,
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
@@ -291,7 +296,7 @@ class ShearVectorEnv(BatchedEnv[ShearEpisodes]):
     Parameters
     ----------
     num_envs
-        How many.
+        How many, a million at most.
     scene, task, options
         As of `ShearEnv`.
     threads, autoreset_mode, max_episode_steps, render_mode
@@ -326,7 +331,7 @@ class ShearVectorEnv(BatchedEnv[ShearEpisodes]):
     ) -> None:
         task = task_of(ShearTask, task, options)
         super().__init__(
-            ShearEpisodes(count("num_envs", num_envs), scene, task, threads),
+            ShearEpisodes(_number_of(num_envs), scene, task, threads),
             autoreset_mode=autoreset_mode,
             max_episode_steps=max_episode_steps,
             render_mode=render_mode,
@@ -362,12 +367,20 @@ def _add_infos(infos: dict[str, Any], found: Infos, mask_b: NDArray[np.bool_]) -
         infos["_" + name] = mine.copy()
 
 
+def _number_of(num_envs: Any) -> int:
+    number = count("num_envs", num_envs)
+    if number > _MOST:
+        raise ValueError(f"num_envs must be at most {_MOST}, got {brief(num_envs)}")
+    return number
+
+
 def _mode(value: Any) -> AutoresetMode:
     try:
         return AutoresetMode(value)
-    except ValueError:
+    # an object may refuse to be compared
+    except Exception:
         names = ", ".join(repr(one.value) for one in AutoresetMode)
-        raise ValueError(f"autoreset_mode must be one of {names}, got {value!r}") from None
+        raise ValueError(f"autoreset_mode must be one of {names}, got {brief(value)}") from None
 
 
 def _seeds(seed: Any, count: int) -> Sequence[int | None]:
@@ -375,9 +388,14 @@ def _seeds(seed: Any, count: int) -> Sequence[int | None]:
         return [None] * count
     if isinstance(seed, int | np.integer):
         return [int(seed) + b for b in range(count)]
-    seeds = list(seed)
+    try:
+        # one more than there may be
+        seeds = list(islice(seed, count + 1))
+    except Exception:
+        raise TypeError(f"seed must be None, an integer or one for each environment, got {brief(seed)}") from None
     if len(seeds) != count:
-        raise ValueError(f"seed must hold one seed for each of {count} environments, got {len(seeds)}")
+        more = " or more" if len(seeds) > count else ""
+        raise ValueError(f"seed must hold one seed for each of {count} environments, got {len(seeds)}{more}")
     return seeds
 
 
@@ -385,7 +403,7 @@ def _mask(given: Any, count: int) -> NDArray[np.bool_]:
     if given is None:
         return np.ones(count, dtype=bool)
     if not isinstance(given, np.ndarray) or given.dtype != np.bool_:
-        raise TypeError(f"options['reset_mask'] must be a numpy array of bool, got {given!r:.60}")
+        raise TypeError(f"options['reset_mask'] must be a numpy array of bool, got {brief(given)}")
     if given.shape != (count,):
         raise ValueError(f"options['reset_mask'] must have shape ({count},), got {given.shape}")
     if not given.any():

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech as pm
+from packmech_envs.words import brief
 
 __all__ = ["METADATA", "Screen", "Window", "contacts_of"]
 
@@ -64,8 +65,8 @@ class Screen:
 
     def __init__(self, render_mode: str | None, title: str, fps: float = METADATA["render_fps"]) -> None:
         modes = METADATA["render_modes"]
-        if render_mode is not None and render_mode not in modes:
-            raise ValueError(f"render_mode must be one of {', '.join(modes)} or None, got {render_mode!r}")
+        if render_mode is not None and not (isinstance(render_mode, str) and render_mode in modes):
+            raise ValueError(f"render_mode must be one of {', '.join(modes)} or None, got {brief(render_mode)}")
         self.render_mode = render_mode
         self.window = Window(title, fps) if render_mode == "human" else None
 

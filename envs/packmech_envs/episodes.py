@@ -10,6 +10,7 @@ from gymnasium.spaces import Box, MultiDiscrete
 from numpy.typing import NDArray
 
 import packmech as pm
+from packmech_envs.words import brief
 
 Infos = dict[str, NDArray[Any]]
 
@@ -27,11 +28,11 @@ def reset_options(options: Any, allowed: tuple[str, ...]) -> dict[str, Any]:
 
     """
     if not isinstance(options, dict | None):
-        raise TypeError(f"options must be None or a dictionary, got {options!r:.60}")
+        raise TypeError(f"options must be None or a dictionary, got {brief(options)}")
     given: dict[str, Any] = options or {}
     if set(given) - set(allowed):
         names = f"hold nothing but {', '.join(map(repr, allowed))}" if allowed else "be empty"
-        raise ValueError(f"options must {names}, got {sorted(given)}")
+        raise ValueError(f"options must {names}, got {brief(list(given))}")
     return given
 
 
@@ -172,5 +173,6 @@ def _numbers(action: Any) -> NDArray[np.float64]:
         if given.dtype.kind not in "iuf":
             raise TypeError
         return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"action must be an array of real numbers, got {action!r:.60}") from None
+    # whatever an object raises that is asked for its entries, it has none that are numbers
+    except Exception:
+        raise TypeError(f"action must be an array of real numbers, got {brief(action)}") from None

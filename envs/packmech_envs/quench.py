@@ -18,6 +18,7 @@ import packmech as pm
 from packmech_envs.episodes import Infos, reset_options
 from packmech_envs.tasks import LEFT_OUT, boolean, budget, one_of, positive, quenchable, real, scene_of
 from packmech_envs.turned import ObservedOrientations
+from packmech_envs.words import brief
 
 __all__ = ["REWARDS", "TERMS", "QuenchEpisodes", "QuenchReward", "QuenchTask", "default_scene"]
 
@@ -223,7 +224,7 @@ class QuenchTask:
         boolean("shear_modulus", self.shear_modulus)
         boolean("bracket", self.bracket)
         if self.bracket and self.relax != "full":
-            raise ValueError(f"bracket must be False unless relax is 'full', got relax={self.relax!r}")
+            raise ValueError(f"bracket must be False unless relax is 'full', got relax={brief(self.relax)}")
         boolean("orientations", self.orientations)
         for name in ("largest_change", "largest_strain", "largest_pressure", "smallest_change"):
             if getattr(self, name) is not None or name in ("largest_change", "largest_strain"):
@@ -241,15 +242,15 @@ class QuenchTask:
         elif isinstance(self.reward, str):
             one_of("reward", self.reward, tuple(REWARDS))
         else:
-            raise TypeError(f"reward must be a QuenchReward or a name such as 'progress', got {self.reward!r:.60}")
+            raise TypeError(f"reward must be a QuenchReward or a name such as 'progress', got {brief(self.reward)}")
         if self.weights.progress_weight != 0.0 and self.relax != "full":
             raise ValueError(f"reward must have progress_weight=0 unless relax is 'full', got relax={self.relax!r}")
         given = self.start_packing_fraction
         if isinstance(given, tuple | list):
             if len(given) != 2:
-                raise ValueError(f"start_packing_fraction must be a number or a pair of numbers, got {given!r:.60}")
+                raise ValueError(f"start_packing_fraction must be a number or a pair of numbers, got {brief(given)}")
             if positive("start_packing_fraction", given[0]) > positive("start_packing_fraction", given[1]):
-                raise ValueError(f"start_packing_fraction must be a pair that rises, got {given!r:.60}")
+                raise ValueError(f"start_packing_fraction must be a pair that rises, got {brief(given)}")
         elif given is not None:
             positive("start_packing_fraction", given)
 

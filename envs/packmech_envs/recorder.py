@@ -13,6 +13,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv, VectorWrapper
 
 import packmech as pm
+from packmech_envs.words import brief
 
 __all__ = ["RerunRecorder", "RerunVectorRecorder", "cubes_and_thousands"]
 
@@ -61,13 +62,13 @@ class EpisodeRecorder:
     ) -> None:
         for name, trigger in (("episode_trigger", episode_trigger), ("step_trigger", step_trigger)):
             if trigger is not None and not callable(trigger):
-                raise TypeError(f"{name} must be a function of a number, got {trigger!r}")
+                raise TypeError(f"{name} must be a function of a number, got {brief(trigger)}")
         if isinstance(recording_length, bool) or not isinstance(recording_length, int):
-            raise TypeError(f"recording_length must be an integer, 0 for whole episodes, got {recording_length!r}")
+            raise TypeError(f"recording_length must be an integer, 0 for whole episodes, got {brief(recording_length)}")
         if recording_length < 0:
             raise ValueError(f"recording_length must be 0 for whole episodes or positive, got {recording_length}")
         if not isinstance(folder, str | os.PathLike):
-            raise TypeError(f"folder must be a folder's name, got {folder!r}")
+            raise TypeError(f"folder must be a folder's name, got {brief(folder)}")
         if episode_trigger is None and step_trigger is None:
             episode_trigger = cubes_and_thousands
         self.folder = Path(folder).absolute()
@@ -318,7 +319,7 @@ class RerunVectorRecorder(VectorWrapper):
     ) -> None:
         super().__init__(env)
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < env.num_envs:
-            raise ValueError(f"index must be that of one of {env.num_envs} environments, got {index!r}")
+            raise ValueError(f"index must be that of one of {env.num_envs} environments, got {brief(index)}")
         inner: Any = env.unwrapped
         self.index = index
         self.mode = AutoresetMode(env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP))

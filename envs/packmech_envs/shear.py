@@ -17,6 +17,7 @@ from packmech_envs.episodes import Infos, reset_options
 from packmech_envs.shear_goals import GOING, REASONS, Goal, goal_of, score_frames
 from packmech_envs.tasks import LINKS, boolean, budget, count, one_of, positive, scene_of, shearable
 from packmech_envs.turned import ObservedOrientations
+from packmech_envs.words import brief
 
 __all__ = ["ShearEpisodes", "ShearTask"]
 
@@ -121,16 +122,16 @@ class ShearTask:
 
 def _check_extra_actions(extra_actions: Any) -> None:
     if isinstance(extra_actions, str) or not isinstance(extra_actions, Sequence):
-        raise TypeError(f"extra_actions must be a tuple of names such as ('friction',), got {extra_actions!r:.60}")
+        raise TypeError(f"extra_actions must be a tuple of names such as ('friction',), got {brief(extra_actions)}")
     for name in extra_actions:
-        if name != "friction":
-            raise ValueError(f"extra_actions must hold 'friction' or nothing, got {name!r:.60}")
+        if not isinstance(name, str) or name != "friction":
+            raise ValueError(f"extra_actions must hold 'friction' or nothing, got {brief(name)}")
 
 
 def _check_start(start: Any) -> None:
     number = isinstance(start, int | np.integer) and not isinstance(start, bool) and start >= 1
-    if not number and start not in ("as_prepared", "random"):
-        raise ValueError(f"start must be 'as_prepared', 'random' or how many packings to draw from, got {start!r:.60}")
+    if not number and not (isinstance(start, str) and start in ("as_prepared", "random")):
+        raise ValueError(f"start must be 'as_prepared', 'random' or how many packings to draw from, got {brief(start)}")
 
 
 # scenes and starts

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import packmech as pm
 from packmech_envs.tasks import boolean, positive, real
+from packmech_envs.words import brief
 
 # what ended an episode
 REASONS = (None, "step_too_long", "strain_reached", "yielded")
@@ -232,7 +233,7 @@ def goal_of(goal: Any) -> Goal:
         return goal
     if not isinstance(goal, str) or goal not in GOALS:
         names = ", ".join(map(repr, GOALS))
-        raise ValueError(f"goal must be one of {names} or a record such as FollowStress(...), got {goal!r:.60}")
+        raise ValueError(f"goal must be one of {names} or a record such as FollowStress(...), got {brief(goal)}")
     return GOALS[goal]()
 
 

@@ -17,6 +17,7 @@ from packmech_envs.quench import QuenchEpisodes, QuenchTask
 from packmech_envs.shear import ShearEpisodes, ShearTask
 from packmech_envs.shear_goals import FAILED, GOING, REASONS
 from packmech_envs.tasks import task_of
+from packmech_envs.words import brief
 
 __all__ = ["QuenchEnv", "ShearEnv", "ShearTrace"]
 
@@ -337,7 +338,7 @@ class ShearTrace:
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return the (T,) values of one figure, such as "time", "strain", "pressure" or "work"."""
         if name not in self.names:
-            raise KeyError(f"name must be one of {', '.join(map(repr, self.names))}, got {name!r}")
+            raise KeyError(f"name must be one of {', '.join(map(repr, self.names))}, got {brief(name)}")
         return self.figure_tk[:, self.names.index(name)]
 
     @property

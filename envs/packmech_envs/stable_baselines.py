@@ -12,6 +12,8 @@ import numpy as np
 from gymnasium.spaces import MultiDiscrete
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from packmech_envs.words import brief
+
 __all__ = ["as_vec_env"]
 
 
@@ -35,7 +37,7 @@ def as_vec_env(envs: VectorEnv[Any, Any, Any]) -> Any:
 
     """
     if not isinstance(envs, VectorEnv):
-        raise TypeError(f"envs must be a batch of environments such as QuenchVectorEnv(8), got {envs!r:.60}")
+        raise TypeError(f"envs must be a batch of environments such as QuenchVectorEnv(8), got {brief(envs)}")
     mode = envs.metadata.get("autoreset_mode")
     if mode is not AutoresetMode.SAME_STEP:
         raise ValueError(f"envs must be made with autoreset_mode='SameStep', got {mode}")
@@ -98,7 +100,7 @@ def _adapter(base: Any) -> Any:
             return [getattr(self.envs, attr_name)] * len(self._listed(indices))
 
         def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-            raise ValueError(f"attr_name must be given to the batch when it is made, got {attr_name!r}")
+            raise ValueError(f"attr_name must be given to the batch when it is made, got {brief(attr_name)}")
 
         def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **named: Any) -> list[Any]:
             method = getattr(self.envs, method_name)

@@ -5,9 +5,8 @@ Every wrong option gets an error that names it, what is required and what was gi
 
 from __future__ import annotations
 
-import difflib
+import math
 import os
-from collections.abc import Iterable
 from dataclasses import Field, fields, replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 import numpy as np
 
 import packmech as pm
+from packmech_envs.words import brief, nearest
 
 
 class _Record(Protocol):
@@ -59,58 +59,56 @@ def task_of(kind: type[Task], task: Any, options: dict[str, Any]) -> Task:
         if name not in names:
             words = f"{name!r} is no option of {kind.__name__}, which has {', '.join(names)}{nearest(name, names)}"
             if name in _OF_SCENES:
-                changes = f"changes={{'packing.{name}': {options[name]}}}"
+                changes = f"changes={{'packing.{name}': {brief(options[name])}}}"
                 words += f"; the scene sets it: scene=packmech.read_scene('default', {changes})"
             raise TypeError(words)
     if task is None:
         return kind(**options)
     if not isinstance(task, kind):
-        raise TypeError(f"task must be a {kind.__name__}, got {task!r:.60}")
+        raise TypeError(f"task must be a {kind.__name__}, got {brief(task)}")
     return replace(task, **options)
-
-
-def nearest(name: str, names: Iterable[str]) -> str:
-    """Return the end of a message that says which name was meant; empty where none is near."""
-    near = difflib.get_close_matches(name, list(names), 1)
-    return f"; did you mean {near[0]!r}?" if near else ""
 
 
 def one_of(name: str, value: Any, allowed: tuple[str, ...]) -> None:
     """Check that a value is one of some names."""
     if not isinstance(value, str) or value not in allowed:
-        near = nearest(str(value), allowed)
-        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r:.60}{near}")
+        near = nearest(value, allowed) if isinstance(value, str) else ""
+        raise ValueError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {brief(value)}{near}")
 
 
 def boolean(name: str, value: Any) -> None:
     """Check that a value is True or False."""
     if not isinstance(value, bool):
-        raise TypeError(f"{name} must be True or False, got {value!r:.60}")
+        raise TypeError(f"{name} must be True or False, got {brief(value)}")
 
 
 def real(name: str, value: Any, what: str = "a finite number") -> float:
     """Return a finite real number."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
-        raise TypeError(f"{name} must be {what}, got {value!r:.60}")
-    if not np.isfinite(value):
-        raise ValueError(f"{name} must be {what}, got {value!r}")
-    return float(value)
+        raise TypeError(f"{name} must be {what}, got {brief(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be {what}, got {brief(value)}")
+    return number
 
 
 def positive(name: str, value: Any) -> float:
     """Return a positive finite number."""
     number = real(name, value, "a positive number")
     if number <= 0.0:
-        raise ValueError(f"{name} must be a positive number, got {value!r}")
+        raise ValueError(f"{name} must be a positive number, got {brief(value)}")
     return number
 
 
 def count(name: str, value: Any, what: str = "an integer at least 1") -> int:
     """Return an integer of 1 or more."""
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | np.integer):
-        raise TypeError(f"{name} must be {what}, got {value!r:.60}")
+        raise TypeError(f"{name} must be {what}, got {brief(value)}")
     if value < 1:
-        raise ValueError(f"{name} must be {what}, got {value}")
+        raise ValueError(f"{name} must be {what}, got {brief(value)}")
     return int(value)
 
 
@@ -155,7 +153,7 @@ def scene_of(scene: Any) -> pm.Scene:
         return _shipped(name)
     if not Path(name).suffix and Path(name).name == name:
         known = pm.list_scenes()
-        raise ValueError(f"scene must be a file or one of {', '.join(known)}, got {name!r}{nearest(name, known)}")
+        raise ValueError(f"scene must be a file or one of {', '.join(known)}, got {brief(name)}{nearest(name, known)}")
     return pm.read_scene(scene)
 
 

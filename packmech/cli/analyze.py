@@ -9,8 +9,8 @@ from cyclopts import Parameter
 
 import packmech as pm
 from packmech.check import BoxStrain, one_of
-from packmech.cli import OK
 from packmech.cli.output import (
+    CertificateFile,
     Files,
     GapTolerance,
     Json,
@@ -46,6 +46,7 @@ def analyze(
     method: Method = "certificate",
     record: Record = None,
     json: Json = None,
+    certificate: CertificateFile = None,
     modes: Modes = 10,
 ) -> int:
     """Examine a packing made elsewhere; nothing is moved.
@@ -61,7 +62,7 @@ def analyze(
 
     """
     load_modules(load)
-    files, count = Files(record, None, json), check_modes(modes)
+    files, count = Files(record, None, json, certificate), check_modes(modes)
     check_verdict_settings(gap_tolerance, method)
     asked = one_of("strain", strain, _STRAINS)
     packing = read_packing(file)
@@ -95,7 +96,7 @@ def analyze(
             summary=summary.markdown(title),
         )
         show(f"recording: {record}   (open it: rerun {record})")
-    return OK
+    return files.write_certificate(report.verdict)
 
 
 def _law(file: Path, name: str | None) -> tuple[Law, str]:

@@ -18,8 +18,11 @@ from rich.table import Table
 
 from packmech.calls.status import Status, shows, words_of
 from packmech.check import brief, integer
+from packmech.cli import FAILED, OK
 from packmech.effects import law_of
 from packmech.files.packings import NotKeptError, target_file, write_packing
+from packmech.jamming.certificate_file import write_certificate
+from packmech.jamming.verdict import Verdict
 from packmech.packing import Packing
 from packmech.result import STAGE_HEADINGS, HasSummary, Summary, stage_rows
 from packmech.scene import Scene
@@ -51,6 +54,9 @@ Out = Annotated[
     Parameter(help="write the packing: .npz, .gsd, .data, .dump, .extxyz, .vtp, .csv, ... (as pm.write_packing)"),
 ]
 Record = Annotated[Path | None, Parameter(help="Rerun recording; not written unless given")]
+CertificateFile = Annotated[
+    Path | None, Parameter(help="write the verdict with its grounds (.npz), for `packmech verify`")
+]
 Modes = Annotated[int, WHOLE, Parameter(help="how many of the lowest vibrations to find")]
 Seed = Annotated[int | None, WHOLE, Parameter(help="another seed for the scene's random start")]
 GapTolerance = Annotated[
@@ -68,19 +74,22 @@ _KEPT = 240
 
 @dataclass(frozen=True)
 class Files:
-    """What to write of a run: the recording, the packing, the numbers."""
+    """What to write of a run: the recording, the packing, the numbers, the certificate of its verdict."""
 
     record: Path | None = None
     out: Path | None = None
     json: Path | None = None
+    certificate: Path | None = None
 
     def __post_init__(self) -> None:
         """Fail before the work, not after it, when a file cannot be written."""
-        for path in (self.record, self.out, self.json):
+        for path in (self.record, self.out, self.json, self.certificate):
             if path is not None:
                 target_file(path, packing=path is self.out)
         if self.record is not None and self.record.suffix != ".rrd":  # the viewer goes by the ending
             raise ValueError(f"record must be a file name ending in .rrd, got {str(self.record)!r}")
+        if self.certificate is not None and self.certificate.suffix != ".npz":
+            raise ValueError(f"certificate must be a file name ending in .npz, got {str(self.certificate)!r}")
 
     def write_packing(self, packing: Packing, scene: Scene | None = None) -> None:
         """Write the packing, and the law of its scene with it where the format has a place for it."""
@@ -106,6 +115,20 @@ class Files:
         """Write the numbers as JSON; what is no number there (infinite, undefined) becomes null."""
         if self.json is not None:
             self.json.write_text(json.dumps(_finite(numbers), indent=2) + "\n", encoding="utf-8")
+
+    def write_certificate(self, verdict: Verdict | None) -> int:
+        """Write the certificate of a verdict; return the exit code, with a line on why where there is none."""
+        if self.certificate is None:
+            return OK
+        try:
+            if verdict is None:
+                raise ValueError("the packing has no verdict")
+            write_certificate(verdict, self.certificate)
+        except ValueError as error:
+            show(f"packmech: no certificate is written: {error}", error=True)
+            return FAILED
+        show(f"certificate: {self.certificate}   (check it: packmech verify {self.certificate})")
+        return OK
 
     def say_what_was_written(self) -> None:
         """Print where the packing and the numbers are."""

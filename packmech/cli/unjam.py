@@ -9,8 +9,8 @@ from cyclopts import Parameter
 
 import packmech as pm
 from packmech.check import brief, one_of
-from packmech.cli import FAILED, OK
-from packmech.cli.output import Files, GapTolerance, Json, Method, Out, Record, show, table, working
+from packmech.cli import FAILED
+from packmech.cli.output import CertificateFile, Files, GapTolerance, Json, Method, Out, Record, show, table, working
 from packmech.files.packings import read_packing
 from packmech.generate import LATTICE_NAMES, lattice_packing
 from packmech.jamming.classify import classify_jamming
@@ -30,6 +30,7 @@ def unjam(
     record: Record = None,
     out: Out = None,
     json: Json = None,
+    certificate: CertificateFile = None,
 ) -> int:
     """Ask whether a packing is jammed, and play the motion that unjams it.
 
@@ -46,7 +47,7 @@ def unjam(
 
     """
     one_of("strain", strain, ("none", "free", "either"))
-    files = Files(record, out, json)
+    files = Files(record, out, json, certificate)
     start = _packing(packing, repeats)
     with working("is it jammed?") as say:
         verdict = classify_jamming(start, gap_tolerance=gap_tolerance, method=method)
@@ -68,6 +69,7 @@ def unjam(
             _show(answers)
             files.write_json(answers | {"outcome": None, "reason": verdict.strictly.reason})
             show(f"packmech: no unjamming motion: {verdict.strictly.reason}", error=True)
+            files.write_certificate(verdict)
             return FAILED
         played = play_motion(
             start,
@@ -86,7 +88,7 @@ def unjam(
     files.say_what_was_written()
     if record is not None:
         show(f"recording: {record}   (open it: rerun {record})")
-    return OK
+    return files.write_certificate(verdict)
 
 
 def _packing(name: str, repeats: list[int] | None) -> pm.Packing:

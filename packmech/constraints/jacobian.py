@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.honors import ANY_LENGTH, honors
-from packmech.check import BoxStrain, instance, one_of, positive
+from packmech.check import BoxStrain, instance, one_of, real
 from packmech.constraints.factor import ConstraintFactor
 from packmech.linalg.mandel import trace_vector
 from packmech.packing import Packing
@@ -25,7 +25,8 @@ def scale_of_strain(packing: Packing, strain_scale: float | None) -> float:
     """Return the length that multiplies strains; None: V^(1/d)."""
     if strain_scale is None:
         return float(packing.box.volume ** (1.0 / packing.dimension))
-    return positive("strain_scale", strain_scale)
+    # its square is a number too
+    return real("strain_scale", strain_scale, at_least=1e-100, at_most=1e100)
 
 
 def link_rows(links: ConstraintFactor, form: str = "exact") -> tuple[sp.csc_array, NDArray[np.float64]]:

@@ -209,7 +209,7 @@ class Snapshots(Sequence[Snapshot]):
     def __getitem__(self, number: int | slice) -> Snapshot | Sequence[Snapshot]:
         if isinstance(number, slice):
             return [self[k] for k in range(len(self))[number]]
-        snapshot, left_out = self.found(number)
+        snapshot, left_out = self.found(integer("number", number))
         warn_of(self.path, left_out)
         return snapshot
 

@@ -229,6 +229,9 @@ class _CutCell:
         shift = np.einsum("de,be->bd", lattice, self.image_bd.astype(float))
         kept_b = np.ones(len(self.i_b), dtype=bool)
         for _ in range(lines):
+            if not kept_b.any():
+                # further lines find nothing to cut
+                break
             point = np.einsum("de,e->d", lattice, rng.random(len(lattice)))
             while True:
                 normal = rng.standard_normal(len(lattice))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,50 @@ from numpy.typing import NDArray
 
 from packmech.calls.status import shown_as
 from packmech.check import clear_errors, instance
-from packmech.contacts import Contacts
+from packmech.contacts import Contacts, find_contacts
 from packmech.files.archive import write_archive
 from packmech.files.paths import existing_file, replacing, writable_file
 from packmech.jamming import referee
-from packmech.jamming.referee import Verification
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
 
 KIND, VERSION = "certificate of jamming", 1
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What a referee says of a certificate.
+
+    Attributes
+    ----------
+    accepted
+        Whether all that it claims was proven, without what made it.
+    collective, strict
+        What was proven: "jammed", "not jammed", or "" where nothing was claimed or the proof failed.
+    reasons
+        A sentence on each question.
+    gap_tolerance
+        Up to which gaps and overlaps pairs were taken for contacts, in contact distances [1]: all is proven for these.
+    smallest_singular_value
+        A bound from below, of the strongest claim, for unit vectors of contacts within a factor of 2 [1]; 0 if unused.
+    smallest_weight, weight_error
+        The smallest weight of a contact over their mean, and how far it may be from balance [1]; 0 where not needed.
+
+    """
+
+    accepted: bool
+    collective: str
+    strict: str
+    reasons: tuple[str, ...]
+    gap_tolerance: float = 0.0
+    smallest_singular_value: float = 0.0
+    smallest_weight: float = 0.0
+    weight_error: float = 0.0
+
+    def __bool__(self) -> bool:
+        return self.accepted
+
+    def __str__(self) -> str:
+        return "\n".join(("accepted" if self.accepted else "refused", *self.reasons))
 
 
 @shown_as("writing")
@@ -38,7 +75,8 @@ def write_certificate(verdict: Verdict, path: str | Path) -> None:
     Raises
     ------
     ValueError
-        If the packing has shapes, or nothing is claimed.
+        If the packing has shapes, nothing is claimed, or contacts have gaps or overlaps that a referee refuses: a tenth
+        of their distance and more, or overlaps beyond the gap tolerance.
 
     Examples
     --------
@@ -64,8 +102,20 @@ def write_certificate(verdict: Verdict, path: str | Path) -> None:
     if not any(claimed.values()):
         raise ValueError(f"verdict must have an answer with grounds, got {verdict.collective} and {verdict.strict}")
     links, tolerance = packing.links, verdict.touching.tolerance
-    if tolerance < 0.0:
-        raise ValueError(f"verdict must be of contacts within a gap tolerance of 0 or more, got {tolerance:g}")
+    if np.isnan(tolerance):
+        # contacts that were given
+        tolerance = float(np.abs(network.gap_c / network.contact_distance_c).max(initial=0.0))
+    if not 0.0 <= tolerance < referee.WIDEST:
+        raise ValueError(
+            f"verdict must be of contacts within a gap tolerance of 0 or more and below {referee.WIDEST:g}, which a "
+            f"referee accepts, got {tolerance:g}"
+        )
+    deepest = float(find_contacts(packing).overlap_c.max(initial=0.0))
+    if deepest > tolerance + 2.0 * float(np.finfo(np.float64).eps):
+        raise ValueError(
+            f"verdict must be of overlaps within its gap tolerance, {tolerance:.3g}, as a referee asks it, got one of "
+            f"{deepest:.3g}: ask with gap_tolerance={deepest:.1g} or more, or at a lower pressure"
+        )
     arrays: dict[str, Any] = {
         "kind": KIND,
         "version": VERSION,
@@ -73,9 +123,7 @@ def write_certificate(verdict: Verdict, path: str | Path) -> None:
         "radius_n": packing.radius_n,
         "lattice_dd": packing.box.lattice_dd,
         "backbone_n": verdict.backbone,
-        "gap_tolerance": float(np.abs(network.gap_c / network.contact_distance_c).max(initial=0.0))
-        if np.isnan(tolerance)
-        else tolerance,
+        "gap_tolerance": tolerance,
         "strain": verdict.strain,
         **{f"{name}_c": getattr(network, f"{name}_c") for name in ("i", "j")},
         "image_cd": network.image_cd,
@@ -150,4 +198,4 @@ def verify(path: str | Path) -> Verification:
     contacts: pairs with gaps or overlaps up to ... of their distance
 
     """
-    return referee.verify(existing_file("path", path))
+    return Verification(*referee.verify(existing_file("path", path)))

@@ -52,6 +52,8 @@ from packmech.scene import Scene
 # Up to this mean overlap times N'^2 soft packings have the contacts of the hard packing that they come from. (The
 # condition is P N^2 << 1; 53 of 60 packings had no surplus contact at 0.04, 13 of 20 at 0.7, none at 10.)
 SMALL_OVERLAP = 0.1
+# From this gap tolerance on [1] gaps are no errors of coordinates any more, even where it was asked for.
+WIDE_GAPS = 0.01
 
 
 def out_of_balance(rest: RestCheck | None, selection: ContactSelection) -> str:
@@ -70,8 +72,9 @@ def out_of_balance(rest: RestCheck | None, selection: ContactSelection) -> str:
 
 
 def off_plateau(selection: ContactSelection) -> str:
-    """Return how the excess contacts depend on the gap tolerance; an empty string if they do not, or it was given."""
-    if selection.rule == "given" or selection.on_plateau:
+    """Return how the excess contacts depend on the gap tolerance; an empty string if not, or if it is not asked."""
+    given = selection.rule == "given" and selection.tolerance < WIDE_GAPS
+    if given or selection.on_plateau:
         return ""
     steps = ", ".join(f"{level.excess:+d} at {level.tolerance:.1e}" for level in selection.levels)
     return (
@@ -279,7 +282,8 @@ def classify_jamming(
         max(7 x mean relative overlap, 1e-9). Where a tenth or ten times that tolerance gives another number of excess
         contacts, the answer is ambiguous, unless the pairs in question cannot matter: it is not jammed with all of them
         either, or jammed without them already and either its self stress is the only one or the overlaps are so small
-        (mean overlap times N'^2 below 0.1) that pressure has closed no gap.
+        (mean overlap times N'^2 below 0.1) that pressure has closed no gap. A tolerance that is given is taken at its
+        word below 0.01, as what the coordinates may be wrong by; from there on the same is asked of it.
     contacts
         The contacts to judge, instead of those within a gap tolerance; then neither gaps nor rest are checked. They
         must be pairs of this packing as it stands, each once.
@@ -418,7 +422,9 @@ def _repeats(packing: Packing, tiled: bool | Sequence[int], method: str) -> tupl
         what = f"{len(packing.links)} rigid links" if packing.links else type(packing.shapes).__name__
         raise ValueError(f"tiled must be left out but for discs and spheres without rigid links, got {what}")
     if method == "loads":
-        raise ValueError('tiled must be left out with method "loads", which gives no contact forces')
+        raise ValueError(
+            'tiled must be left out with method "loads", which gives no contact forces: method="certificate"'
+        )
     if tiled is True:
         return None
     if np.ndim(tiled) != 1 or isinstance(tiled, str):

@@ -96,7 +96,7 @@ class JammingAnswer:
         return f"{self.verdict} ({self.reason.partition(':')[0].partition(';')[0]})"
 
 
-@shown(lambda one: f"copies: collectively {one.collective}, strictly {one.strict}; {one.reason}")
+@shown(lambda one: str(one).partition("\n")[0])
 @dataclass(frozen=True, eq=False)
 class TiledAnswer:
     """Whether a packing is jammed when its box is repeated.
@@ -141,6 +141,10 @@ class TiledAnswer:
     packing: Packing | None = None
     motion: UnjammingMotion | None = None
     seconds: float = 0.0
+
+    def __str__(self) -> str:
+        """Return the answer, and below it the whole reason."""
+        return f"copies: collectively {self.collective}, strictly {self.strict}\n{self.reason}"
 
 
 @shown(lambda one: f"locally {one.local}, collectively {one.collective}, strictly {one.strict}")
@@ -294,6 +298,7 @@ class Verdict:
         return verdict_text(self)
 
 
+@shown(lambda one: f"of {len(one.displacement_nd)} particles, closes no contact by more than {one.closing:.1e}")
 @dataclass(frozen=True, eq=False)
 class UnjammingMotion:
     """A motion along which contacts open or keep their length and none closes, to first order.

@@ -170,7 +170,10 @@ def dispersion(
     corners = finite_array("path", path, shape=(None, scene.packing.dimension), what="corner")
     if len(corners) < 2:
         raise ValueError(f"path must have two corners or more, got {len(corners)}")
-    wanted = integer("points", points, at_least=len(corners))
+    # of each point the frequencies of all coordinates are held
+    wanted = integer("points", points, at_least=1, bytes_each=8.0 * scene.packing.position_nd.size)
+    if wanted < len(corners):
+        raise ValueError(f"points must be {len(corners)} or more, one for each corner of the path, got {wanted}")
     length = _lengths(scene, np.diff(corners, axis=0))
     share = length / length.sum() if length.sum() > 0.0 else np.full(len(length), 1.0 / len(length))
     steps = np.maximum(1, np.rint(share * (wanted - 1)).astype(np.int64))

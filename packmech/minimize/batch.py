@@ -442,7 +442,9 @@ class QuenchBatch:
                     settings, self._start_k, change_b, strain_b, self._figure_bk, self._stress_bdd,
                 )  # fmt: skip
 
-        others = [self._threads().submit(work) for _ in range(self.threads - 1)] if size < count else []
+        # more threads than packings have nothing to do
+        further = min(self.threads, count) - 1 if size < count else 0
+        others = [self._threads().submit(work) for _ in range(further)]
         try:
             work()
         finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
+import textwrap
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,7 +19,7 @@ from packmech.effects import held_particles
 from packmech.ensemble.shear_series import ShearCurve, ShearSeries
 from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit, fit_power_law
 from packmech.jamming.play import PlayedMotion
-from packmech.jamming.verdict import UnjammingMotion, Verdict
+from packmech.jamming.verdict import TiledAnswer, UnjammingMotion, Verdict
 from packmech.measure.coarse_grain import CoarseFields
 from packmech.measure.contact_forces import ContactForces, rattlers_in
 from packmech.measure.contact_statistics import ContactStatistics, ForceDistribution
@@ -67,7 +68,8 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     ----------
     thing
         What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its
-        contact forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does. A
+        contact forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does, or
+        the fewest copies that unjam where one box does not; its answer on copies: these (else on `packing=`). A
         motion, modes: arrows on `packing=`; modes without it: their spectrum. An avalanche: what it moved.
         Displacements and local strains: arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane
         (`of=`). Moduli: the matrix. Else a curve: a density of states, pair distribution, shell average, correlation,
@@ -138,7 +140,7 @@ def _figure_of(thing: Any) -> tuple[Callable[..., None], tuple[float, float]]:
 
 
 # what is seen on a packing that is not at hand, or needs more room
-_WITHOUT_PICTURE = (Modes, Moduli, Verdict, UnjammingMotion, Trace, Displacements, LocalStrain)
+_WITHOUT_PICTURE = (Modes, Moduli, Verdict, TiledAnswer, UnjammingMotion, Trace, Displacements, LocalStrain)
 
 
 def picture_of(thing: Any) -> str:
@@ -374,10 +376,53 @@ def _draw_modes(modes: Modes, ax: Any, *, packing: Any = None, mode: int = 0, sc
     )
 
 
+@_draws(TiledAnswer, size=SQUARE)
+def _draw_tiled(answer: TiledAnswer, ax: Any, *, packing: Any = None, scale: float | None = None) -> None:
+    """Draw the fewest copies that unjam, the boxes of each and how they do, or the packing, and say what holds."""
+    shown = _packing_of("answer", answer.packing if answer.packing is not None else packing)
+    _add_copies(ax, answer, shown, _fills(shown, (), "role"), scale)
+
+
+def _add_copies(
+    ax: Any,
+    answer: TiledAnswer,
+    packing: Packing,
+    fills: tuple[NDArray[np.float64], dict[str, Any]],
+    scale: float | None,
+) -> None:
+    """Draw the packing of an answer, its copies parted by dashed lines, with the motion if there is one."""
+    _add_packing(ax, packing, (), fills, drawing.draw_packing(packing), False, "", True, False)
+    words = _tiled_words(answer)
+    if answer.motion is not None:
+        _arrows(ax, packing, answer.motion.displacement_nd, scale)
+        words += "\narrows: a motion that unjams"
+    if answer.repeats is not None and answer.packing is not None and packing.dimension == 2:
+        across = packing.box.lattice_dd.T
+        for axis, count in enumerate(answer.repeats):
+            for k in range(1, count):
+                start = across[axis] * k / count
+                ax.plot(*np.stack([start, start + across[1 - axis]]).T, color="#303030", linewidth=0.8, linestyle="--")
+    ax.set_title(words)
+
+
+def _tiled_words(answer: TiledAnswer) -> str:
+    """Return what holds of copies, in a line or two of a title."""
+    of = "any number of" if answer.repeats is None else " x ".join(map(str, answer.repeats))
+    words = f"{of} copies: collectively {answer.collective}, strictly {answer.strict}"
+    return words if answer.motion is not None else "\n".join([words, *textwrap.wrap(answer.reason, 80)])
+
+
 @_draws(Verdict, size=SQUARE)
 def _draw_verdict(verdict: Verdict, ax: Any, *, packing: Any = None, scale: float | None = None) -> None:
     """Draw the backbone with the contacts that were judged, rattlers, and the motion that unjams it, if one does."""
     shown = _packing_of("verdict", verdict.packing if packing is None else packing)
+    tiled = verdict.tiled
+    if tiled is not None and tiled.packing is not None and tiled.packing.particles > shown.particles:
+        # one box holds what its copies let go
+        rattling = np.tile(verdict.rattlers, math.prod(tiled.repeats or ()))
+        _add_copies(ax, tiled, tiled.packing, _role_fills(tiled.packing, (), rattling), scale)
+        ax.set_title(f"one box: {_verdict_words(verdict)}\n{ax.get_title()}")
+        return
     one, inside = verdict.network, shown.wrapped()
     i_c, j_c = one.i_c, one.j_c
     if shown.shapes.has_orientations:
@@ -396,13 +441,19 @@ def _draw_verdict(verdict: Verdict, ax: Any, *, packing: Any = None, scale: floa
     fill_nc, legend = _role_fills(shown, (), verdict.rattlers)
     legend["contacts"] = len(segments) > 0 and shown.dimension == 2
     _add_packing(ax, shown, (), (fill_nc, legend), drawn, True, "", True, True)
-    words = f"collectively {verdict.collective}, strictly {verdict.strict}"
+    words = _verdict_words(verdict)
     motion = verdict.unjamming_motion
     if motion is not None:
         _arrows(ax, shown, motion.displacement_nd, scale)
         words += "\narrows: a motion that unjams"
         words += ", with a strain of the box" if motion.strain_dd.any() else ""
+    if tiled is not None:
+        words += f"\n{_tiled_words(tiled)}"
     ax.set_title(words)
+
+
+def _verdict_words(verdict: Verdict) -> str:
+    return f"collectively {verdict.collective}, strictly {verdict.strict}"
 
 
 @_draws(UnjammingMotion, size=SQUARE)

@@ -22,7 +22,16 @@ from packmech.packing import Packing, no_own_images
 from packmech.protocols.hard_vertex import HardVertex
 from packmech.protocols.linked_jam import PRESSED, compress_linked, follow_pressure
 from packmech.protocols.pressure_path import follow_jammed
-from packmech.protocols.protocol import Protocol, check_jammed, finish, in_turn, is_jammed, report_start, sequence
+from packmech.protocols.protocol import (
+    Protocol,
+    check_jammed,
+    check_reachable,
+    finish,
+    in_turn,
+    is_jammed,
+    report_start,
+    sequence,
+)
 from packmech.result import Outcome, Run
 from packmech.scene import Scene
 from packmech.shapes import Beads, Shapes, Spheroids
@@ -123,7 +132,7 @@ def anneal_shape(
     instance("scene", scene, Scene)
     goals = sequence("aspects", aspects, "aspect")
     one_of("strain", strain, ("isotropic", "free"))
-    positive("pressure", pressure)
+    check_reachable(scene, "pressure", positive("pressure", pressure))
     positive("force_tolerance", force_tolerance)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
     packing = scene.packing
@@ -253,7 +262,7 @@ def tap(
     number = integer("taps", taps, at_least=1)
     rng = generator_of(seed, rng)
     one_of("strain", strain, ("isotropic", "free"))
-    positive("pressure", pressure)
+    check_reachable(scene, "pressure", positive("pressure", pressure))
     positive("force_tolerance", force_tolerance)
     settings = run_settings(time_limit=time_limit, progress=progress, check=check)
     check_jammed(scene)

@@ -107,8 +107,8 @@ class WorkPrecision:
         else:
             bounds = dict.fromkeys(self.quantities if quantity is None else [self._quantity(quantity)], error_below)
         for name, bound in bounds.items():
-            if not bound > 0.0:
-                raise ValueError(f"error_below must be positive, got {bound} for {name!r}")
+            if not (isinstance(bound, float) and bound == math.inf):
+                bounds[name] = positive(f"error_below of {name!r}", bound)
         good = []
         for method in self.methods:
             finer = True

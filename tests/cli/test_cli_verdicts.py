@@ -4,10 +4,12 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 import packmech as pm
 from packmech import cli
+from packmech.files.archive import SEAL, write_archive
 from packmech.view.report import examine
 
 
@@ -73,3 +75,36 @@ def test_python_runs_the_package_as_the_command(tmp_path):
     ]
     assert found[0].returncode == 0 and found[0].stdout.startswith("packmech ")
     assert found[1].returncode == 2 and found[1].stderr.startswith("packmech: packing must be a file or one of")
+
+
+@pytest.mark.parametrize("lattice, answer", [("kagome", "not jammed"), ("triangular", "jammed")])
+def test_certificates_of_commands_are_proven_and_tampered_ones_refused(lattice, answer, tmp_path, capsys):
+    packing, certificate = tmp_path / "packing.npz", tmp_path / "certificate.npz"
+    pm.write_packing(pm.lattice_packing(lattice, (3, 3)), packing)
+    for words in (("analyze", packing, "--modes", "0"), ("unjam", lattice, "--repeats", "3", "3")):
+        certificate.unlink(missing_ok=True)
+        run(*map(str, words), "--certificate", str(certificate))
+        assert f"packmech verify {certificate}" in capsys.readouterr().out
+        assert run("verify", str(certificate), "--json", f"{packing}.json") == 0
+        said = capsys.readouterr().out.splitlines()
+        assert said[0] == "accepted" and said[2].startswith(f"strict: {answer}: ")
+        written = json.loads((tmp_path / "packing.npz.json").read_text())
+        assert written["accepted"] and written["strict"] == answer and written["reasons"] == said[1:4]
+    with np.load(certificate) as file:
+        held = {name: file[name] for name in file.files if name != SEAL}
+    with open(certificate, "wb") as file:
+        write_archive(file, held | {"radius_n": 1.01 * held["radius_n"]})
+    assert run("verify", str(certificate)) == 1
+    assert capsys.readouterr().out.splitlines()[0] == "refused"
+
+
+def test_a_certificate_that_cannot_be_written_is_said_and_the_exit_code_tells(tmp_path, capsys):
+    packing, certificate = tmp_path / "loose.npz", tmp_path / "certificate.npz"
+    pm.write_packing(pm.random_packing(20, dimension=2, packing_fraction=0.8, seed=1), packing)
+    assert run("analyze", str(packing), "--modes", "0", "--certificate", str(certificate)) == 1
+    assert "no certificate is written: verdict must have an answer with grounds" in capsys.readouterr().err
+    assert not certificate.exists()
+    with pytest.raises(ValueError, match=r"certificate must be a file name ending in \.npz, got 'a.txt'"):
+        run("analyze", str(packing), "--certificate", "a.txt")
+    with pytest.raises(FileNotFoundError, match="path must name an existing file"):
+        run("verify", str(certificate))

@@ -7,13 +7,13 @@ from packmech_envs.tasks import (
     boolean,
     budget,
     count,
-    nearest,
     one_of,
     positive,
     quenchable,
     real,
     scene_of,
 )
+from packmech_envs.words import brief, nearest
 
 import packmech as pm
 
@@ -49,6 +49,26 @@ def test_numbers_are_real_and_finite_and_where_it_is_asked_positive():
     for bad in (0.0, -1e-300):
         with pytest.raises(ValueError, match="a must be a positive number"):
             positive("a", bad)
+
+
+class Unspeakable:
+    def __repr__(self):
+        raise RuntimeError("no repr")
+
+    def __eq__(self, other):
+        raise RuntimeError("no comparison")
+
+
+def test_what_cannot_be_shown_or_compared_is_refused_by_the_name_of_its_option():
+    assert brief(Unspeakable()) == "a Unspeakable that cannot be shown (RuntimeError)"
+    assert len(brief("n" * 10**6)) == 60
+    for check, words in ((count, "an integer"), (real, "a finite number"), (boolean, "True or False")):
+        with pytest.raises(TypeError, match=f"a must be {words}.*got a Unspeakable"):
+            check("a", Unspeakable())
+    with pytest.raises(ValueError, match="a must be one of 'b', got a Unspeakable"):
+        one_of("a", Unspeakable(), ("b",))
+    with pytest.raises(ValueError, match="a must be a finite number, got 1000"):
+        real("a", 10**400)
 
 
 def test_names_are_among_those_there_are_and_the_nearest_is_named():

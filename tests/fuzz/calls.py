@@ -2,8 +2,9 @@
 
     python tests/fuzz/calls.py [--seed 0] [--calls 100000] [--name PATTERN ...]
 
-A call is one of `arguments.good` with one or two of its arguments replaced by a hostile value. It ends well where it
-returns, or raises an error that packmech itself wrote, in one short line. Anything else is a fault: an error out of a
+A call is one of `arguments.good` with one or two of its arguments replaced by a hostile value, and with a time limit
+where it has one. It ends well where it returns, or raises an error that packmech itself wrote, in one short line; what
+a caller's own `progress` raises is the caller's. Anything else is a fault: an error out of a
 library or of the language (a foreign one), a message without end, a call that ignores its limits of time or memory.
 Prints each fault once for each place that it comes from, with the call that shows it.
 """
@@ -39,6 +40,8 @@ import packmech as pm  # noqa: E402
 
 # what a call on a handful of particles may take, with its code compiled [CPU s], and what it may say
 SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 1000
+# where a call has a time limit, it is asked to keep this one [CPU s]
+TIME_LIMIT = 5.0
 # a call that waits for something uses no CPU time: so many seconds of the clock for each [1]
 PATIENCE = 10.0
 OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, OSError)
@@ -274,10 +277,12 @@ def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
         if name in METHODS:
             method, arguments = METHODS[name](folder)
             # what is asked for by a key raises what Python's own containers raise
-            also = (LookupError,) if name.endswith("__getitem__") else ()
+            also = (LookupError,) if name.endswith(("__getitem__", "Table.tensor")) else ()
             return judge(shown, lambda: method(**arguments | values), also=also)
-        arguments = good(name, folder) | values
-        return judge(shown, lambda: call(name, arguments))
+        limit = {"time_limit": TIME_LIMIT} if "time_limit" in fields_of(name, folder) else {}
+        arguments = limit | good(name, folder) | values
+        also = (ZeroDivisionError,) if hostile.get("progress") == "raises" else ()
+        return judge(shown, lambda: call(name, arguments), also=also)
 
 
 def fields_of(name: str, folder: Path) -> list[str]:

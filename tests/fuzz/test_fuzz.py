@@ -68,6 +68,38 @@ def test_hostile_arguments_of_quick_calls_get_an_answer_or_one_clear_error(seed,
     assert faults(calls(np.random.default_rng(seed), list(QUICK), 1500, folder), folder) == []
 
 
+# calls that once ended badly, found by chance
+FOUND = (
+    ("Table.tensor", {"name": "[]"}),
+    ("Trace.table", {"about": "0"}),
+    ("Snapshots.__getitem__", {"number": "Decimal nan"}),
+    ("WorkPrecision.cheapest", {"error_below": "Decimal nan"}),
+    ("stiffness_matrix", {"strain_scale": "1e+200"}),
+    ("stiffness_matrix", {"strain_scale": "5e-324"}),
+    ("cut_fragments", {"lines": "9223372036854775807"}),
+    ("tap", {"pressure": "1e+308"}),
+    ("cyclic_shear", {"pressure": "9.223372036854776e+18"}),
+    ("shear_jam", {"force_tolerance": "5e-324"}),
+    ("oscillatory_shear", {"dt": "1e-12"}),
+    ("QuenchVectorEnv", {"threads": "2147483648"}),
+    ("QuenchVectorEnv.step", {"actions": "pretender"}),
+    ("ShearEnv", {"task": "list of shy"}),
+    ("ShearEnv", {"scene": "long name"}),
+    ("ShearEnv", {"render_mode": "shy"}),
+    ("ShearEnv", {"start": "shy"}),
+    ("ShearEnv.step", {"action": "huge range"}),
+    ("ShearVectorEnv", {"num_envs": "9223372036854775808"}),
+    ("ShearVectorEnv", {"max_episode_steps": "shy"}),
+    ("ShearVectorEnv.reset", {"seed": "huge range"}),
+)
+
+
+@pytest.mark.parametrize("name, hostile", FOUND)
+def test_calls_that_once_ended_badly_do_not_any_more(name, hostile, folder):
+    assert set(hostile) <= set(fields_of(name, folder)) | {"start"}
+    assert faults([(name, hostile)], folder) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*public(), *METHODS])
 def test_every_hostile_value_at_every_parameter_gets_an_answer_or_one_clear_error(name, folder):

@@ -56,6 +56,20 @@ def test_gap_tolerance_asked_for_is_taken_at_its_word():
     assert verdict.contacts < pm.classify_jamming(packing).contacts
 
 
+@pytest.mark.parametrize("method", ["certificate", "loads"])
+def test_wide_gaps_are_no_contacts_for_sure_even_where_they_are_asked_for(method):
+    crystal = pm.lattice_packing("triangular", (4, 4), relative_overlap=-0.04)
+    verdict = pm.classify_jamming(crystal, gap_tolerance=0.05, method=method)
+    assert [level.contacts for level in verdict.touching.levels] == [0, 48, 48]
+    assert (verdict.local, verdict.collective, verdict.strict) == (UNKNOWN, UNKNOWN, UNKNOWN)
+    assert "+1 at 5.0e-03, +17 at 5.0e-02" in verdict.strictly.reason
+    # as an allowance for errors of the coordinates the same ratio is taken at its word, and pairs that are named always
+    near = pm.lattice_packing("triangular", (4, 4), relative_overlap=-0.004)
+    assert pm.classify_jamming(near, gap_tolerance=0.005, method=method).strict == YES
+    named = pm.find_contacts(crystal, gap_tolerance=0.05)
+    assert pm.classify_jamming(crystal, contacts=named, method=method).strict == YES
+
+
 def test_rule_for_the_gap_tolerance_is_seven_mean_overlaps():
     packing = soft_packing()
     overlap = pm.find_contacts(packing).overlap_c

@@ -166,6 +166,11 @@ def test_many_particles_are_searched_from_below():
     [
         (lambda scene: pm.waves(scene, [[0.1]]), "wave_vectors must have shape"),
         (lambda scene: pm.dispersion(scene, [[0.0, 0.0]]), "path must have two corners or more, got 1"),
+        (
+            lambda scene: pm.dispersion(scene, [[0, 0], [0.5, 0], [0, 0]], points=2),
+            "points must be 3 or more, one for each corner of the path, got 2",
+        ),
+        (lambda scene: pm.dispersion(scene, [[0, 0], [0.5, 0]], points=10**15), "points must be so small that memory"),
         (lambda scene: pm.sound_speeds(scene, [0.0, 0.0]), "direction must have a length"),
         (lambda scene: pm.hessian(scene, "free", wave_vector=[0.1, 0.0]), "strain must be 'none'"),
         (

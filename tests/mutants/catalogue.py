@@ -114,6 +114,23 @@ TESTS: dict[str, tuple[str, ...]] = {
     "packmech/jamming/classify.py": (*_SELECTED, *_LINKED),
     "packmech/jamming/verdict.py": (*_tests("jamming", "verdict gap_sensitivity jamming"), *_LINKED),
     "packmech/jamming/room.py": _tests("jamming", "room"),
+    # those that need no packing to be jammed first
+    "packmech/jamming/referee.py": (
+        *_named(
+            "jamming/test_referee",
+            "forged_grounds_prove_nothing links_are_neither_stretched_nor_left_without_balance "
+            "the_tolerance_does_not_decide_what_touches_unless_it_is_a_tolerance "
+            "one_particle_alone_is_not_jammed_for_free a_particle_held_by_its_own_images_is_not_taken_out "
+            "a_particle_inside_of_another_is_refused_wherever_it_belongs "
+            "a_jammed_crystal_is_not_unjammed_by_leaving_particles_out_of_its_backbone "
+            "the_bound_on_singular_values_holds numbers_that_are_too_large_to_be_added_up_prove_nothing "
+            "discs_that_hold_nothing_are_taken_out_one_by_one",
+        ),
+        *_tests("jamming", "referee"),
+    ),
+    "packmech/jamming/tiled.py": _tests("jamming", "tiled"),
+    "packmech/mechanics/waves.py": _tests("mechanics", "waves"),
+    "packmech/mechanics/wave_matrices.py": _tests("mechanics", "waves"),
     "packmech/jamming/shaped.py": _tests("jamming", "shaped_answers shaped_verdict"),
     "packmech/mechanics/stability.py": _tests("mechanics", "stability sticking_stability"),
     "packmech/mechanics/elasticity.py": _tests(
@@ -167,6 +184,11 @@ TESTS: dict[str, tuple[str, ...]] = {
 def _guards(file: str, *faults: tuple[str, ...]) -> list[Fault]:
     """Return guards taken away in a file: what is wrong, the text, what stands there then, why it is equivalent."""
     return [Fault(file, what, was, now, (), True, *why) for what, was, now, *why in faults]
+
+
+def _faults(file: str, *faults: tuple[str, ...]) -> list[Fault]:
+    """Return faults of a file that no verdict depends on, as `_guards` takes them."""
+    return [one._replace(guard=False) for one in _guards(file, *faults)]
 
 
 CATALOGUE: list[Fault] = [
@@ -847,6 +869,111 @@ CATALOGUE: list[Fault] = [
         ("squeezed rattlers stay", "    if not waiting.any():\n", "    if True:\n"),
         ("other groups limit the room", "here.select((group_c == g) & push_c)", "here.select(push_c)"),
         ("pairs that do not push limit the room", "here.select((group_c == g) & push_c)", "here.select(group_c == g)"),
+    ),
+    *_guards(
+        "packmech/jamming/referee.py",
+        ("a tolerance may be negative", "not 0.0 <= self.tolerance < WIDEST", "not self.tolerance < WIDEST"),
+        ("a tolerance may be wide", "not 0.0 <= self.tolerance < WIDEST", "not 0.0 <= self.tolerance"),
+        ("contacts need not touch", "if (gap > self.tolerance + 4.0 * _EPS).any():", "if False:"),
+        (
+            "contacts may be of rattlers",
+            "if not (self.backbone_n[self.pairs[0]].all() and self.backbone_n[self.pairs[1]].all()):",
+            "if False:",
+        ),
+        (
+            "forces may pull",
+            "force.shape != (count,) or not (force > 0.0).all():",
+            "force.shape != (count,):",
+            "the smallest weight must be above its error; if all pull, minus these balance and push",
+        ),
+        ("forces need no balance", "if not min(smallest, pressing) > error:", "if not min(smallest, pressing) > 0.0:"),
+        ("what moves softly is held by small forces", "* (1.0 + 1e-9) / least", "* (1.0 + 1e-9)"),
+        ("stresses need no balance", "rest += [(2 - (a == b)) * (stress", "_ = [(2 - (a == b)) * (stress"),
+        ("net forces are those on i alone", "        np.add.at(net, j, push)\n", ""),
+        ("rounding may hide a floppy motion", "    gram[np.diag_indices(n)] -= shift\n", ""),
+        ("infinite sums prove", "    if not np.isfinite(shift):\n", "    if False:\n"),
+        ("what no backbone has may be held", "            if left:\n", "            if False:\n"),
+        (
+            "particles outside of the backbone may hold each other",
+            "if not all(self.backbone_n[n] for n in left):",
+            "if False:",
+        ),
+        ("a translation is a motion", "if not size > 0.0 or float", "if float"),
+        ("a motion may enlarge the box", " or float(np.trace(strain)) > limit / self.unit:", ":"),
+        ("a fixed box may be strained", 'or (strain.any() and question != "strict"):', "or False:"),
+        (
+            "a strain may turn the box",
+            "if not np.array_equal(strain, strain.T) or (",
+            "if (",
+        ),
+        ("a motion may close contacts", "if max(closes, off) > limit:", "if off > limit:"),
+        ("a motion may stretch links", "if max(closes, off) > limit:", "if closes > limit:"),
+        ("pairs that touch may be left out", "and one not in listed:", "and False:"),
+        ("particles may overlap", "if gap[j] < -deepest:", "if False:"),
+        ("a particle's own images hold nothing", "(i == j and image > (0,) * self.d)", "False"),
+        (
+            "particles next to a side of the box touch nothing across it",
+            "reach = 1 + np.floor(",
+            "reach = 0 * np.floor(",
+        ),
+        ("all contacts nearly in a half space hold nothing", ">= -1e-8).all()", ">= -0.5).all()"),
+        ("d contacts hold a particle", "if len(normal_cd) <= d:", "if len(normal_cd) < d:"),
+        (
+            "strictly jammed need not be collectively so",
+            'if proven["strict"] == JAMMED and proven["collective"] == NOT_JAMMED:',
+            "if False:",
+            "both proofs would have to hold, and a packing that is strictly jammed is collectively so",
+        ),
+        ("what was not proven is accepted", "            accepted = False\n", ""),
+    ),
+    *_guards(
+        "packmech/jamming/tiled.py",
+        ("forces are not asked for", "if collectively.contact_force_c is None or not (", "if not ("),
+        (
+            "a wave that changes nothing is one of a small change",
+            "        if value <= _FLOPPY:\n",
+            "        if False:\n",
+        ),
+        ("a cell is covered whatever its middle", "if value > waves.change(half):", "if True:"),
+        ("a cell is long where a corner is", ".sum(axis=1)).max() <= long:", ".sum(axis=1)).min() <= long:"),
+        (
+            "half of the wave vectors are left out",
+            "np.array([0.25, *[0.5] * (d - 1)])",
+            "np.array([0.25, *[0.25] * (d - 1)])",
+        ),
+        ("long waves of no strain are rigid", "    if not long:\n", "    if False:\n"),
+        ("long waves err by their strain alone", "np.hypot(*strained.errors(k))", "strained.errors(k)[0]"),
+        ("floppy strains leave a bound", "if not strained.smallest > _FLOPPY:", "if False:"),
+        ("fewer rows than columns have full rank", "        if self.count < self.size:\n", "        if False:\n"),
+        ("copies are strict where they are collective", "{JAMMED: strictly.verdict, ", "{JAMMED: JAMMED, "),
+        ("the real part alone moves", "parts[int(np.argmax(spread))]", "parts[0]"),
+        ("waves of their own conjugates are left out", "parts <= opposite", "parts < opposite"),
+        ("the bound on changes is of one end", "        np.add.at(both, self.at_j, np.abs(self.normal))\n", ""),
+    ),
+    *_faults(
+        "packmech/mechanics/waves.py",
+        (
+            "what grows swings",
+            "frequency[k] = np.copysign(np.sqrt(np.abs(value)), value)",
+            "frequency[k] = np.sqrt(np.abs(value))",
+        ),
+        ("what lies below is not looked for", "    while eigenvalues_below(real, shift):\n", "    while False:\n"),
+        ("what Lanczos missed is not counted", "// 2 - (k + 1)", "// 2 * 0"),
+        (
+            "sound does not relax",
+            "return assembled.corner_ee - found.relief_ee, found",
+            "return assembled.corner_ee, found",
+        ),
+        ("rattlers are heavy", "packing.mass_n[system.network.index_n].sum()", "packing.mass_n.sum()"),
+        ("masses do not matter", "1.0 / np.sqrt(np.repeat(", "1.0 / (np.repeat("),
+        ("lines of no length have no points", "np.maximum(1, np.rint(share", "np.maximum(0, np.rint(share"),
+    ),
+    *_faults(
+        "packmech/mechanics/wave_matrices.py",
+        ("copies move as the box does", "phase[:, None] * ends[1]", "ends[1]"),
+        ("copies lead on one side and lag on none", "(phase if b else phase.conj())", "phase"),
+        ("images are those of the vectors", "np.rint((vector_cd - inside) @", "np.rint((vector_cd) @"),
+        ("copies do not turn", "change[1, :, d + t :, d:] = turn_nkt[j].transpose(0, 2, 1)", "pass"),
     ),
 ]
 

@@ -257,6 +257,29 @@ def test_a_picture_beside_a_result_is_made_of_every_kind_that_has_one():
         assert picture_of(thing).startswith("<div><svg")
 
 
+def test_copies_that_unjam_are_drawn_with_their_motion_and_others_with_the_reason():
+    start = pm.random_packing(24, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=1)
+    run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-9, strain="isotropic", check=False)
+    verdict = pm.classify_jamming(run.packing, tiled=True)
+    count = 24 * int(np.prod(verdict.tiled.repeats))
+    assert verdict.collective == "jammed" and count > 24
+    for ax in (pm.plot(verdict), pm.plot(verdict.tiled)):
+        (arrows,) = [one for one in ax.collections if type(one).__name__ == "Quiver"]
+        motion = np.column_stack([arrows.U, arrows.V])
+        assert len(motion) == count and np.abs(motion).max() > 0.0
+        # in one box nothing moves: copies of a particle move apart
+        assert np.abs(motion.reshape(-1, 24, 2) - motion[:24]).max() > 0.1 * np.abs(motion).max()
+        assert "copies: collectively not jammed" in ax.get_title() and rendered(ax)
+    held = pm.classify_jamming(pm.lattice_packing("triangular", (3, 3)), tiled=(2, 2))
+    for ax in (pm.plot(held), pm.plot(held.tiled, packing=held.packing)):
+        assert "2 x 2 copies: collectively jammed" in ax.get_title() and "full rank" in ax.get_title()
+        assert not [one for one in ax.collections if type(one).__name__ == "Quiver"]
+    with pytest.raises(TypeError, match=r"packing must be the packing of this answer for pm.plot, pm.plot\(answer"):
+        pm.plot(held.tiled)
+    # the reason is whole where it is printed
+    assert str(verdict.tiled).endswith(verdict.tiled.reason)
+
+
 def test_verdicts_moduli_and_contact_forces_have_figures():
     packing, loose = kagome()
     tight = pm.classify_jamming(jammed())

@@ -24,7 +24,7 @@ from packmech.measure.rattlers import find_rattlers
 from packmech.observables import Table, make_table
 from packmech.packing import Packing, no_own_images
 from packmech.protocols.pressure_path import PressurePath
-from packmech.protocols.protocol import Protocol, check_jammed, finish
+from packmech.protocols.protocol import Protocol, check_jammed, check_reachable, finish
 from packmech.protocols.shearing.avalanche import Avalanche
 from packmech.protocols.shearing.sheared_lattice import ShearedLattice
 from packmech.protocols.shearing.strain_path import WIDTH, Located, Pairs, Sheared, StrainPath, work_between
@@ -448,6 +448,8 @@ def _checked(
     no_own_images("scene.packing", scene.packing)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     asked = None if pressure is None else positive("pressure", pressure)
+    if asked is not None:
+        check_reachable(scene, "pressure", asked)
     tolerance = positive("force_tolerance", force_tolerance)
     check_jammed(scene)
     return pair, asked, tolerance
