@@ -226,8 +226,10 @@ from packmech.linalg.mandel import mandel_vector as mandel_vector
 # vibrations
 from packmech.mechanics.modes import normal_modes as normal_modes
 from packmech.mechanics.modes import Modes as Modes
-from packmech.mechanics.modes import density_of_states as density_of_states
-from packmech.mechanics.modes import StateDensity as StateDensity
+from packmech.mechanics.mode_counts import count_modes as count_modes
+from packmech.mechanics.mode_counts import ModeCounts as ModeCounts
+from packmech.mechanics.state_density import density_of_states as density_of_states
+from packmech.mechanics.state_density import StateDensity as StateDensity
 from packmech.mechanics.waves import waves as waves
 from packmech.mechanics.waves import Waves as Waves
 from packmech.mechanics.waves import dispersion as dispersion

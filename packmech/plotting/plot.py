@@ -29,7 +29,8 @@ from packmech.measure.scattering import ShellAverage
 from packmech.measure.structure import Correlation, PairDistribution
 from packmech.mechanics.complex_modulus import ComplexModulus
 from packmech.mechanics.elasticity import Moduli
-from packmech.mechanics.modes import Modes, StateDensity
+from packmech.mechanics.modes import Modes
+from packmech.mechanics.state_density import StateDensity
 from packmech.packing import Packing
 from packmech.protocols.cement import Cementing
 from packmech.protocols.deform import Deformation
