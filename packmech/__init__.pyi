@@ -412,6 +412,7 @@ from packmech.jit.compiled import kernel as kernel
 #: stiffness_tensor -> elastic_moduli
 #: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
 #: hessian_matrix -> hessian
+#: number_of_modes, inertia, sylvester, integrated_density -> count_modes
 #: dos, vdos, vibrational_density, phonons, spectrum -> density_of_states
 #: vibrality, plastic_spots -> soft_spots
 #: eigenmodes, vibrations, normal_mode, frequencies -> normal_modes
