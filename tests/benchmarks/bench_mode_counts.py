@@ -13,7 +13,6 @@ import time
 import numpy as np
 
 import packmech as pm
-from packmech.jamming.tiled import copies_of
 
 PRESSURE = 1e-4
 LIMIT_SECONDS, LIMIT_BYTES = 60.0, 8e9
@@ -29,7 +28,7 @@ def jammed(particles: int, dimension: int, repeats: tuple[int, ...]) -> tuple[pm
     run = pm.jam(scene, pressure=PRESSURE, strain="free", force_tolerance=1e-12, check=False)
     scene = scene.replace(packing=run.packing)
     states = pm.density_of_states(scene, np.geomspace(1e-3, 4.0, 67), kind="unstressed")
-    return scene.replace(packing=copies_of(run.packing, repeats)), states.plateau_edge
+    return scene.replace(packing=run.packing.repeated(repeats)), states.plateau_edge
 
 
 def peak() -> float:

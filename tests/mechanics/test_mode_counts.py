@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.jamming.tiled import copies_of
 from packmech.mechanics import modes as modes_module
 from packmech.mechanics import state_density
 
@@ -216,7 +215,7 @@ def test_five_hundred_modes_of_a_hundred_thousand_discs_come_complete():
         4096, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.84, seed=1
     )  # fmt: skip
     run = pm.jam(pm.Scene(start, SPRINGS), pressure=1e-4, strain="free", force_tolerance=1e-12, check=False)
-    scene = pm.Scene(copies_of(run.packing, (5, 5)), SPRINGS)
+    scene = pm.Scene(run.packing.repeated((5, 5)), SPRINGS)
     few, many = pm.count_modes(scene, [0.05, 0.055], signs=False).count_v
     high = 0.05 + 0.005 * 500 / (many - few)
     found = pm.normal_modes(scene, between=(0.05, high))
@@ -239,7 +238,7 @@ def rest(particles, dimension, seed):
 @pytest.mark.parametrize(("dimension", "repeats"), [(2, (4, 3)), (2, (1, 2)), (3, (2, 1, 3))])
 def test_states_over_a_grid_of_waves_are_those_of_the_copies(dimension, repeats):
     scene = rest(20, dimension, 1)
-    many = scene.replace(packing=copies_of(scene.packing, repeats))
+    many = scene.replace(packing=scene.packing.repeated(repeats))
     states = pm.density_of_states(many, 30)
     found = pm.density_of_states(scene, states.edge_b, repeats=repeats)
     assert np.array_equal(found.count_b, states.count_b) and found.modes == states.modes == states.count_b.sum()
