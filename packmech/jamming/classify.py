@@ -33,13 +33,14 @@ from packmech.jamming.contact_selection import (
 from packmech.jamming.motion_cone import MotionCone
 from packmech.jamming.programs import SOLVERS
 from packmech.jamming.shaped import classify_shaped
-from packmech.jamming.tiled import MOST_COPIES, MOST_WAVES, judge_tiled
+from packmech.jamming.tiled import MOST_COPIES, MOST_WAVES, floppy_in_copies, judge_tiled
 from packmech.jamming.verdict import (
     AMBIGUOUS,
     JAMMED,
     NOT_JAMMED,
     OFF_PLATEAU,
     JammingAnswer,
+    TiledAnswer,
     Verdict,
     unjamming_motion,
 )
@@ -178,6 +179,37 @@ def settle(
         collectively = _settled(collectively, selection, kept[0], reason)
         strictly = _settled(strictly, selection, kept[1], reason)
     return _consistent(collectively, strictly)
+
+
+def settle_copies(
+    packing: Packing,
+    copied: TiledAnswer,
+    strictly: JammingAnswer,
+    judged: Judged,
+    selection: ContactSelection,
+    within: Callable[[int], Judged],
+) -> TiledAnswer:
+    """Return the answer on copies, ambiguous where other gap tolerances would give another.
+
+    That copies unjam stands where their motion keeps all pairs within ten times the tolerance, too; that they are
+    jammed, where the pairs within a tenth are the same. What one box says has been settled.
+    """
+    reason = off_plateau(selection)
+    of_one_box = copied.repeats == (1,) * packing.dimension
+    if not reason or copied.collective == AMBIGUOUS or of_one_box:
+        return copied
+    if copied.collective == JAMMED:
+        stands = len(within(0).network) == len(judged.network)
+    else:
+        most = within(2)
+        backbone = np.zeros(packing.particles, dtype=bool)
+        backbone[most.collective[0].kept_n] = True
+        assert copied.wave_vector_d is not None
+        stands = floppy_in_copies(packing, most.network, backbone, copied.wave_vector_d)
+    if stands:
+        return copied
+    strict = NOT_JAMMED if strictly.verdict == NOT_JAMMED else AMBIGUOUS
+    return replace(copied, collective=AMBIGUOUS, strict=strict, reason=reason, packing=None, motion=None, repeats=None)
 
 
 def undecided(packing: Packing, answer: JammingAnswer) -> JammingAnswer:
@@ -395,6 +427,7 @@ def classify_jamming(
         copied = None
         if tiled is not False:
             copied = judge_tiled(packing, collectively, strictly, judged.network, ~rattlers, repeats)
+            copied = settle_copies(packing, copied, strictly, judged, selection, within)
     return Verdict(
         *_local(judged, selection, rest),
         collectively,

@@ -202,6 +202,13 @@ def judge_tiled(
     return replace(found, strict=strict, seconds=time.process_time() - start)
 
 
+def floppy_in_copies(
+    packing: Packing, network: Contacts, backbone_n: NDArray[np.bool_], fraction_d: NDArray[np.float64]
+) -> bool:
+    """Return whether a wave at this wave vector keeps all contacts of a backbone."""
+    return _Waves(packing, network, backbone_n).smallest(fraction_d) <= _FLOPPY
+
+
 def _judge(
     packing: Packing,
     collectively: JammingAnswer,

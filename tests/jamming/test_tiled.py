@@ -64,6 +64,21 @@ def test_discs_that_also_resist_shear_are_jammed_in_copies_and_programs_agree(se
         assert pm.classify_jamming(run.packing, tiled=repeats).tiled.strict == "jammed"
 
 
+@pytest.mark.parametrize(("pressure", "seed"), [(1e-4, 2), (1e-3, 1)])
+def test_copies_are_left_open_where_gaps_that_may_be_contacts_would_jam_them(pressure, seed):
+    start = pm.random_packing(16, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=seed)
+    run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=pressure, strain="isotropic", check=False)
+    verdict = pm.classify_jamming(run.packing, tiled=True)
+    assert verdict.collective == "jammed" and verdict.tiled.collective == "ambiguous"
+    assert "gap tolerance is off its plateau" in verdict.tiled.reason
+    assert pm.classify_jamming(run.packing.repeated((1, 2))).collective == "ambiguous"
+    # by the pairs that press there is no such doubt, and the program finds the motion of two copies
+    pressing = pm.classify_jamming(run.packing, contacts=pm.find_contacts(run.packing), tiled=True).tiled
+    copies = pressing.packing
+    assert pressing.collective == "not jammed" and pressing.repeats == (1, 2)
+    assert pm.classify_jamming(copies, contacts=pm.find_contacts(copies)).collective == "not jammed"
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_the_bounds_hold_at_wave_vectors_drawn_at_random(seed):
     waves = waves_of(jammed(16, seed, "free").packing)
