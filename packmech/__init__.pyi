@@ -50,6 +50,8 @@ from packmech.view.trajectory import snapshots as snapshots
 from packmech.files.packings import read_law as read_law
 from packmech.scenes.scene_file import read_scene as read_scene
 from packmech.scenes.scene_file import write_scene as write_scene
+from packmech.scenes.export import Export as Export
+from packmech.scenes.export import export_scene as export_scene
 from packmech.files.tables import read_table as read_table
 from packmech.files.tables import write_table as write_table
 
@@ -226,8 +228,10 @@ from packmech.linalg.mandel import mandel_vector as mandel_vector
 # vibrations
 from packmech.mechanics.modes import normal_modes as normal_modes
 from packmech.mechanics.modes import Modes as Modes
-from packmech.mechanics.modes import density_of_states as density_of_states
-from packmech.mechanics.modes import StateDensity as StateDensity
+from packmech.mechanics.mode_counts import count_modes as count_modes
+from packmech.mechanics.mode_counts import ModeCounts as ModeCounts
+from packmech.mechanics.state_density import density_of_states as density_of_states
+from packmech.mechanics.state_density import StateDensity as StateDensity
 from packmech.mechanics.waves import waves as waves
 from packmech.mechanics.waves import Waves as Waves
 from packmech.mechanics.waves import dispersion as dispersion
@@ -410,6 +414,7 @@ from packmech.jit.compiled import kernel as kernel
 #: stiffness_tensor -> elastic_moduli
 #: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
 #: hessian_matrix -> hessian
+#: number_of_modes, inertia, sylvester, integrated_density -> count_modes
 #: dos, vdos, vibrational_density, phonons, spectrum -> density_of_states
 #: vibrality, plastic_spots -> soft_spots
 #: eigenmodes, vibrations, normal_mode, frequencies -> normal_modes

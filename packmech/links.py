@@ -251,6 +251,23 @@ class Links:
         kept = self.select((number_n[self.i_l] >= 0) & (number_n[self.j_l] >= 0))
         return dataclasses.replace(kept, i_l=number_n[kept.i_l], j_l=number_n[kept.j_l])
 
+    def repeated(self, repeats: tuple[int, ...], particles: int) -> Links:
+        """Return the links of copies of a box side by side; copy (a, b) holds the particles from its own number on."""
+        if not len(self):
+            return self
+        place_md = np.array(list(np.ndindex(*repeats)))
+        # a link that leaves the box ends in another copy, or beyond all of them
+        beyond, inside = np.divmod(place_md[:, None] + self.image_ld, np.array(repeats))
+        there = np.ravel_multi_index(tuple(np.moveaxis(inside, 2, 0)), repeats)
+        copies = len(place_md)
+        return Links(
+            (self.i_l + particles * np.arange(copies)[:, None]).ravel(),
+            (self.j_l + particles * there).ravel(),
+            beyond.reshape(-1, self.dimension),
+            np.tile(self.length_l, copies),
+            np.tile(self.shape_l, copies),
+        )
+
     def vectors(self, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the (L, d) vectors from i to j [length]."""
         vector: NDArray[np.float64] = position_nd[self.j_l] - position_nd[self.i_l] + self.image_ld @ lattice_dd.T

@@ -14,7 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.box import LONGEST, SHORTEST, Box
 from packmech.calls.display import shown
 from packmech.calls.honors import LINK_TOLERANCE, STRAINED
-from packmech.check import brief, finite_array, given_shape, instance, integer_array, positive, positive_array
+from packmech.check import (
+    brief,
+    check_memory,
+    finite_array,
+    given_shape,
+    instance,
+    integer,
+    integer_array,
+    listed,
+    positive,
+    positive_array,
+)
 from packmech.links import Links, image_offsets
 from packmech.shapes import Discs, Shapes, Spheroids
 from packmech.tangential import TangentialDisplacements
@@ -442,6 +453,46 @@ class Packing:
             None if self.tangential is None else self.tangential.numbered(number),
             self.shapes.select(kept_n),
             None if self.kind_n is None else self.kind_n[kept_n],
+        )
+
+    def repeated(self, repeats: tuple[int, ...]) -> Packing:
+        """Return copies of the packing side by side, in one box, with their links; those of the first box come first.
+
+        Parameters
+        ----------
+        repeats
+            Number of copies along each lattice vector.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If these are no whole numbers from 1 on, or the packing has tangential displacements.
+
+        Examples
+        --------
+        >>> import packmech as pm
+        >>> pm.lattice_packing("square", repeats=(2, 2)).repeated((3, 2))
+        Packing of 24 particles in 2D: radius 0.5, box of area 24
+
+        """
+        given = listed("repeats", repeats, "whole numbers")
+        if len(given) != self.dimension:
+            raise ValueError(f"repeats must be {self.dimension} whole numbers, got {brief(repeats)}")
+        number = tuple(integer(f"repeats[{k}]", one, at_least=1) for k, one in enumerate(given))
+        copies = math.prod(number)
+        check_memory("repeats", 8.0 * copies * self.particles * (3 * self.dimension + 4))
+        if self.tangential is not None:
+            raise ValueError(f"packing must have no tangential displacements, got {self.tangential.springs}")
+        which_n = np.tile(np.arange(self.particles), copies)
+        place_md = np.array(list(np.ndindex(*number)))
+        return Packing(
+            (self.position_nd[None] + (place_md @ self.box.lattice_dd.T)[:, None]).reshape(-1, self.dimension),
+            self.radius_n[which_n],
+            Box(self.box.lattice_dd * np.array(number)),
+            self.links.repeated(number, self.particles),
+            None if self.given_mass_n is None else self.given_mass_n[which_n],
+            shapes=self.shapes.select(which_n),
+            kind_n=None if self.kind_n is None else self.kind_n[which_n],
         )
 
     def wrapped(self) -> Packing:

@@ -16,7 +16,8 @@ RESULTS = {
     "ComplexModulus", "ContactForces", "Demodulation", "FrictionalModes", "OscillatoryShear",
     "JamMethod", "StrainRun", "BrokenBonds", "ContactDissipation", "EnergyLedger", "MovedWalls",
     "AmplitudeSweep", "Condition", "Creep", "FlowCurve", "ShearCurve", "ShearSeries", "ShearTrial",
-    "Crossings", "FloppyModes", "IndependentLinks", "Modes", "Moduli", "MotionTrace", "NotConverged", "Outcome",
+    "Crossings", "FloppyModes", "IndependentLinks", "ModeCounts", "Modes", "Moduli", "MotionTrace", "NotConverged",
+    "Outcome",
     "Equilibration", "MaterialConstants", "ParticleShearRun",
     "PlayedMotion", "TouchingPair", "Partners",
     "Rattling", "ReaffixedLinks",
@@ -35,7 +36,7 @@ RESULTS = {
     "ShearFamilies", "ShellAverage", "SpectrumFit",
     "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
     "particle_shear",
-    "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
+    "Export", "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
 }  # fmt: skip
 
 MINIMIZERS = {
@@ -216,10 +217,12 @@ def good(name, folder):
         "read_scene": lambda: {"path": "default"},
         "write_packing": lambda: {"packing": touching(), "path": folder / "b.npz"},
         "write_scene": lambda: {"scene": scene(), "path": folder / "b.toml"},
+        "export_scene": lambda: {"scene": scene(), "folder": folder / "peer", "to": "lammps"},
         "Scene": lambda: {"packing": touching(), "effects": (pm.Repulsion(),)},
         "perturbation_energy": lambda: {"scene": scene(), "displacement_nd": np.zeros((9, 2))},
         "project_force": lambda: {"packing": touching(), "force_nd": np.ones((9, 2))},
         "density_of_states": lambda: {"source": scene()},
+        "count_modes": lambda: {"scene": scene(), "below": [1.0, 2.0]},
         "soft_spots": lambda: {"modes": pm.normal_modes(scene())},
         "waves": lambda: {"scene": scene(), "wave_vectors": [[0.1, 0.2]]},
         "dispersion": lambda: {"scene": scene(), "path": [[0.0, 0.0], [0.5, 0.0]], "points": 4},

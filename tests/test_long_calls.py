@@ -26,7 +26,16 @@ SHORT = {
     *("project_force", "random_packing", "bead_packing", "rigidity_matrix", "rough_plates", "reaffix_links"),
     *("remove_rattlers", "reinforced_kagome_packing", "tunneled_packing", "vacancy_packing", "stiffness_matrix"),
     *("stress_tensor", "torques", "wall_contacts", "wave_indices", "wave_vectors", "bond_orientational_order"),
-    *("shell_average", "write_scene", "read_scene", "plot", "write_table", "read_trajectory", "snapshots"),
+    *(
+        "shell_average",
+        "write_scene",
+        "export_scene",
+        "read_scene",
+        "plot",
+        "write_table",
+        "read_trajectory",
+        "snapshots",
+    ),
 }
 # calls on what a long one returned, or that register something
 ON_RESULTS = {

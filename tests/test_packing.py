@@ -159,3 +159,43 @@ def test_a_packing_without_shapes_or_links_is_the_same_with_discs_and_no_links()
     box = pm.Box.cubic(9.0, 3)
     other = packing.replace(position_nd=np.eye(3), radius_n=[0.1] * 3, box=box)
     assert (len(other.shapes), other.shapes.dimension, other.links.dimension) == (3, 3, 3)
+
+
+@pytest.mark.parametrize("repeats", [(1, 1), (3, 2)])
+def test_copies_side_by_side_have_as_many_times_the_energy_the_contacts_and_the_links(repeats):
+    copies = repeats[0] * repeats[1]
+    springs = (pm.Repulsion(),)
+    trimers = pm.random_packing(12, dimension=2, packing_fraction=0.7, seed=2, shapes=pm.Trimer())
+    ellipses = pm.random_packing(12, dimension=2, packing_fraction=0.8, seed=2, shapes=pm.Ellipses(1.5))
+    discs = pm.random_packing(12, dimension=2, packing_fraction=0.9, seed=2)
+    tilted = discs.replace(box=discs.box.strained([[0.0, 0.3], [0.1, 0.0]]))
+    for packing in (trimers, ellipses, discs, tilted):
+        many = packing.repeated(repeats)
+        assert many.particles == copies * packing.particles and len(many.links) == copies * len(packing.links)
+        assert many.select(np.arange(packing.particles)).radius_n.tolist() == packing.radius_n.tolist()
+        one = pm.energy(pm.Scene(packing, springs))
+        assert pm.energy(pm.Scene(many, springs)) == pytest.approx(copies * one, rel=1e-12)
+        assert many.link_error <= 1e-12
+
+
+def test_links_across_the_box_join_a_copy_to_the_next_and_the_last_to_the_first():
+    bar = pm.Packing([[3.6, 1.0], [0.4, 1.0]], [0.3, 0.3], pm.Box.cubic(4.0, 2), pm.Links([0], [1], [[1, 0]], [0.8]))
+    many = bar.repeated((3, 1))
+    # the link of the last copy, 4-1 through the box, is named from its smaller end
+    assert (many.links.i_l.tolist(), many.links.j_l.tolist()) == ([0, 1, 2], [3, 4, 5])
+    assert many.links.image_ld.tolist() == [[0, 0], [-1, 0], [0, 0]] and many.link_error <= 1e-15
+
+
+@pytest.mark.parametrize(
+    ("repeats", "words"),
+    [
+        ((0, 1), r"repeats\[0\] must be an integer at least 1, got 0"),
+        ((2,), "repeats must be 2 whole numbers"),
+        ("ab", "repeats must be a sequence of whole numbers"),
+        ((1, 1.5), r"repeats\[1\] must be an integer"),
+        ((10**9, 10**9), "repeats must be so small that memory holds it"),
+    ],
+)
+def test_copies_are_asked_for_by_whole_numbers(repeats, words):
+    with pytest.raises((TypeError, ValueError), match=words):
+        pm.lattice_packing("square").repeated(repeats)

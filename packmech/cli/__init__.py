@@ -38,6 +38,7 @@ VERBS = {
     "analyze": "Examine a packing made elsewhere; nothing is moved.",
     "accuracy": "Find the cheapest settings with which a scene's run is as exact as asked.",
     "unjam": "Ask whether a packing is jammed, and play the motion that unjams it.",
+    "export": "Write a scene as input of LAMMPS or JAX MD, with the energy that it must find.",
     "verify": "Say whether the certificate of a verdict is proven, by an independent referee.",
     "scenes": "List, show or copy the scenes that ship inside the package.",
     "gallery": "List or run short scripts that each answer one question, with a figure.",

@@ -158,8 +158,8 @@ class _Pairs:
         return np.asarray((nearest == self.image_bd).all(axis=1) & (self.i_b != self.j_b))
 
 
-def _linear(bonds: Bonds) -> float | None:
-    """Return the stiffness of linear springs, None of others."""
+def linear_stiffness(bonds: Bonds) -> float | None:
+    """Return the stiffness of linear springs, None of others [energy/length^2]."""
     laws = (bonds.compression, bonds.tension)
     linear = all(type(one) is LinearSpring for one in laws) and laws[0] == laws[1]
     return float(laws[0].stiffness) if linear else None  # type: ignore[attr-defined]
@@ -174,7 +174,7 @@ def _pairs(snapshot: Snapshot) -> _Pairs:
     ]
     i, j, image = [links.i_l], [links.j_l], [links.image_ld.reshape(-1, d)]
     for bonds in snapshot.bonds:
-        kind += [("spring", 0.5 * (_linear(bonds) or 0.0), length) for length in bonds.rest_length_b.tolist()]
+        kind += [("spring", 0.5 * (linear_stiffness(bonds) or 0.0), length) for length in bonds.rest_length_b.tolist()]
         i.append(bonds.i_b)
         j.append(bonds.j_b)
         image.append(bonds.image_bd)
@@ -190,7 +190,7 @@ def _data_losses(snapshot: Snapshot) -> Iterator[str]:
     if far:
         yield f"no links or springs to other than the nearest image, got {far}"
     for bonds in snapshot.bonds:
-        if _linear(bonds) is None:
+        if linear_stiffness(bonds) is None:
             yield f"springs of LinearSpring alone, the same for both signs, got {bonds.compression}, {bonds.tension}"
         if bonds.tangential_stiffness:
             yield f"springs without tangential ones, got a stiffness of {bonds.tangential_stiffness:g}"

@@ -30,7 +30,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.box import Box
 from packmech.contacts import Contacts
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, TiledAnswer, UnjammingMotion
 from packmech.mechanics.rigidity import rigidity_matrix, strain_columns
@@ -46,28 +45,6 @@ MOST_COPIES, _LOOKED_AT = 12, 16
 MOST_WAVES = 1000
 # parts of the bounds that are used, rounding left out
 _SAFE = 0.999
-
-
-def copies_of(packing: Packing, repeats: tuple[int, ...]) -> Packing:
-    """Return copies of a packing side by side, in one box; those of the first box come first.
-
-    Parameters
-    ----------
-    packing
-        Discs or spheres without rigid links.
-    repeats
-        Number of copies along each lattice vector.
-
-    """
-    place = _places(repeats)
-    position = packing.position_nd[None] + (place @ packing.box.lattice_dd.T)[:, None]
-    return Packing(
-        position.reshape(-1, packing.dimension),
-        np.tile(packing.radius_n, len(place)),
-        Box(packing.box.lattice_dd * np.array(repeats)),
-        mass_n=np.tile(packing.mass_n, len(place)),
-        kind_n=None if packing.kind_n is None else np.tile(packing.kind_n, len(place)),
-    )
 
 
 def _places(repeats: tuple[int, ...]) -> NDArray[np.int64]:
@@ -181,7 +158,7 @@ class _Waves:
         moved = parts[int(np.argmax(spread))]
         moved = moved / np.sqrt((moved**2).sum(axis=2)).max() * self.packing.reference_diameter
         change = self.stretch(moved, repeats)
-        many = copies_of(self.packing, repeats)
+        many = self.packing.repeated(repeats)
         d = self.d
         closing, opening = max(0.0, -float(change.min(initial=0.0))), max(0.0, float(change.max(initial=0.0)))
         return many, UnjammingMotion(moved.reshape(-1, d), np.zeros((d, d)), closing, opening)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +28,8 @@ GROWTH_LIMIT = 1e8
 _DENSE_SIZE = 4000
 # rows from which on supernodes win in two dimensions too
 _LARGE = 12000
+# rows from which on nested dissection is taken without trying other orders, which take longer than they gain
+_DISSECTED = 400_000
 _REFINEMENTS = 3
 _TINY = float(np.finfo(float).tiny)
 _SINGULAR = "matrix must be nonsingular on the motions that the links admit, got a zero pivot"
@@ -66,6 +68,8 @@ class Factorization:
         missed.
     backend
         Which library factored it.
+    memory
+        Of the factors [bytes]; 0 where the library does not say.
 
     """
 
@@ -75,6 +79,11 @@ class Factorization:
     backend: str
     _solve: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     _analyzed: _Analyzed | None = None
+    memory: int = 0
+
+    def emptied(self) -> Factorization:
+        """Return it without its factors: it solves nothing, and serves as `like` of another one."""
+        return replace(self, _solve=_spent)
 
     def solve(self, right: ArrayLike) -> NDArray[np.float64]:
         """Return x with A x = right, for one (n,) or several (n, k) right-hand sides.
@@ -92,6 +101,10 @@ class Factorization:
         if not sides.size:
             return sides
         return self._solve(sides)
+
+
+def _spent(right: NDArray[np.float64]) -> NDArray[np.float64]:
+    raise ValueError("factorization must hold its factors, got an emptied one")
 
 
 class _Failed(Exception):  # noqa: N818 - internal: this backend cannot factor this matrix
@@ -227,7 +240,7 @@ def factorize(
     for name in order:
         try:
             known = like._analyzed if like is not None and like.backend == name else None
-            inertia, growth, solve, known = _TRY[name](stored, known)
+            inertia, growth, solve, known, memory = _TRY[name](stored, known)
         except _Failed as failure:
             reason = str(failure)
             continue
@@ -240,7 +253,7 @@ def factorize(
         if growth > GROWTH_LIMIT and name != order[-1]:
             reason = f"growth {growth:.1e}"
             continue
-        return Factorization(size, inertia, growth, name, solve, known)
+        return Factorization(size, inertia, growth, name, solve, known, memory)
     raise NotDefinite(f"matrix must be nonsingular, got one that {' and '.join(order)} cannot factor ({reason})")
 
 
@@ -300,8 +313,10 @@ def _order(matrix: _Stored) -> tuple[str, ...]:
     return (*first, "dense") if size <= _DENSE_SIZE else first
 
 
-# inertia, growth, solve, and what holds for other matrices with entries at the same places
-_Found = tuple[Inertia, float, Callable[[NDArray[np.float64]], NDArray[np.float64]], _Analyzed | None]
+# inertia, growth, solve, what holds for other matrices with entries at the same places, and bytes of the factors
+_Found = tuple[Inertia, float, Callable[[NDArray[np.float64]], NDArray[np.float64]], _Analyzed | None, int]
+# of a stored entry and its row
+_ENTRY_BYTES = 12
 
 
 def _inertia(pivot: NDArray[np.float64], scale: NDArray[np.float64]) -> Inertia:
@@ -342,7 +357,7 @@ def _qdldl(matrix: _Stored, known: _Analyzed | None) -> _Found:
             return np.asarray(solver.solve(right))
         return np.stack([solver.solve(np.ascontiguousarray(one)) for one in right.T], axis=1)
 
-    return inertia, growth, solve, known
+    return inertia, growth, solve, known, _ENTRY_BYTES * int(lower.nnz)
 
 
 def _superlu(matrix: _Stored, known: _Analyzed | None) -> _Found:
@@ -358,7 +373,7 @@ def _superlu(matrix: _Stored, known: _Analyzed | None) -> _Found:
         raise _Failed("a pivot that is not finite")
     inertia = _inertia(pivot, matrix.scale[np.argsort(factor.perm_c)])
     growth = 1.0 if inertia.positive == len(pivot) else _growth(factor.L, pivot, matrix.scale)
-    return inertia, growth, factor.solve, None
+    return inertia, growth, factor.solve, None, _ENTRY_BYTES * int(factor.nnz)
 
 
 def _dense(matrix: _Stored, known: _Analyzed | None) -> _Found:
@@ -384,7 +399,7 @@ def _dense(matrix: _Stored, known: _Analyzed | None) -> _Found:
         result[order] = inside
         return np.asarray(result / back)
 
-    return inertia, 1.0, solve, None
+    return inertia, 1.0, solve, None, int(lower.nbytes)
 
 
 def _rslab(matrix: _Stored, known: _Analyzed | None) -> _Found:
@@ -395,7 +410,8 @@ def _rslab(matrix: _Stored, known: _Analyzed | None) -> _Found:
     lower = _triangle(matrix.data, matrix.row, matrix.start, False)
     try:
         if known is None or not known.takes(*lower):
-            known = _Analyzed(lower, lambda triangle: rslab.analyze(triangle, path="ldlt", threads=1))
+            order = "metis" if len(matrix.scale) > _DISSECTED else "auto"
+            known = _Analyzed(lower, lambda triangle: rslab.analyze(triangle, path="ldlt", threads=1, ordering=order))
         factor = known.found.factor(lower[0])
     except RuntimeError as error:
         raise _Failed(str(error)) from error
@@ -403,7 +419,7 @@ def _rslab(matrix: _Stored, known: _Analyzed | None) -> _Found:
     def solve(right: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(factor.solve(right) if right.ndim == 1 else factor.solve_many(right))
 
-    return Inertia(*factor.inertia), 1.0, solve, known
+    return Inertia(*factor.inertia), 1.0, solve, known, int(factor.heap_bytes)
 
 
 _TRY = {"qdldl": _qdldl, "superlu": _superlu, "dense": _dense, "rslab": _rslab}

@@ -30,7 +30,7 @@ from packmech.mechanics.linked_systems import (
     soft_shift,
 )
 from packmech.mechanics.system import System, bordered, system_of
-from packmech.mechanics.wave_matrices import wave_fractions, wave_stiffness
+from packmech.mechanics.wave_matrices import WaveStiffness, wave_fractions
 from packmech.scene import Scene
 
 CURVATURES = ("det", "trace")
@@ -157,7 +157,7 @@ def _wave_hessian(
         raise ValueError(f"strain must be 'none' where a wave_vector is given, got {strain!r}")
     refuse_no_copies(scene, "wave_vector must be left out for packings with")
     system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers="keep", strained=False)
-    return wave_stiffness(system.elements, system.network.turn_nkt, scene.packing, fraction)
+    return WaveStiffness(system.elements, system.network.turn_nkt, scene.packing).at(fraction)
 
 
 def refuse_no_copies(scene: Scene, words: str) -> None:

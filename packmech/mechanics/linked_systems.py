@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from packmech.constraints.factor import DEPENDENT, ConstraintFactor, admitted_strains
 from packmech.linalg.factor import Factorization, NotDefinite, eigenvalues_below, factor_saddle, factorize
+from packmech.linalg.inertia import CountBelow, count_below, judged
 
 # a translation costs nothing where it costs this part of the largest eigenvalue, which is rounding
 _NO_COST = 1e-12
@@ -177,11 +178,14 @@ class Operator(Protocol):
     def project(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the part of vectors within the motions."""
 
-    def solver(self, shift: float) -> Solve:
-        """Return the solver of (matrix - shift) x = right within the motions."""
+    def solver(self, shift: float, *, definite: bool = True) -> Solve:
+        """Return the solver of (matrix - shift) x = right within the motions; all eigenvalues above where definite."""
 
     def below(self, bound: float) -> int:
         """Return how many eigenvalues lie below the bound."""
+
+    def count(self, bound: float) -> CountBelow:
+        """Return how many eigenvalues lie below the bound, and how sure that is."""
 
 
 class FreeOperator:
@@ -190,6 +194,7 @@ class FreeOperator:
     def __init__(self, matrix: sp.csr_array) -> None:
         self.matrix = matrix
         self.size = self.motions = int(matrix.shape[0])
+        self._last: Factorization | None = None
 
     def apply(self, vector: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the matrix times motions."""
@@ -200,13 +205,21 @@ class FreeOperator:
         """Return the vectors: all are motions."""
         return vector
 
-    def solver(self, shift: float) -> Solve:
-        """Return the solver of (matrix - shift) x = right."""
-        return factorize(self.matrix - shift * sp.eye_array(self.size, format="csr")).solve
+    def solver(self, shift: float, *, definite: bool = True) -> Solve:
+        """Return the solver of (matrix - shift) x = right; all eigenvalues lie above the shift where definite."""
+        kind = "definite" if definite else "symmetric"
+        shifted = self.matrix - shift * sp.eye_array(self.size, format="csr")
+        return factorize(shifted, kind=kind, like=None if definite else self._last).solve
 
     def below(self, bound: float) -> int:
         """Return how many eigenvalues lie below the bound."""
         return eigenvalues_below(self.matrix, bound)
+
+    def count(self, bound: float) -> CountBelow:
+        """Return how many eigenvalues lie below the bound, and how sure that is."""
+        found = count_below(self.matrix, bound, self._last)
+        self._last = found.factor
+        return found
 
 
 def operator_of(matrix: sp.csr_array, rows: sp.csr_array, dimension: int) -> Operator:
@@ -242,9 +255,27 @@ class LinkedOperator:
         """Return P H times motions."""
         return self._project(self.matrix @ vector)
 
-    def solver(self, shift: float) -> Solve:
+    def solver(self, shift: float, *, definite: bool = True) -> Solve:
         """Return the solver of P (H - shift) x = P right within the motions."""
         return self._solver(sp.csr_array(self.matrix - shift * sp.eye_array(self.size, format="csr")))
+
+    def count(self, bound: float) -> CountBelow:
+        """Return how many eigenvalues of P H P on the motions lie below the bound, and how sure that is.
+
+        The exact system has no slack. It is regular where no eigenvalue lies at the bound and the links are
+        independent; of its negative eigenvalues one belongs to each link (Haynsworth), and none is nearer to zero than
+        the nearest eigenvalue to the bound is to this.
+        """
+        shifted = sp.csr_array(self.matrix - bound * sp.eye_array(self.size, format="csr"))
+        system = linked_system(shifted, self.rows)
+        largest = float(abs(system.exact).sum(axis=0).max())
+        try:
+            factor = factor_linked(system, self.dimension, slack=_COUNTING_SLACK)
+        except NotDefinite:
+            raise NotDefinite(f"matrix - {bound:g} cannot be factored: the bound is an eigenvalue") from None
+        found = judged(system.exact, factor, factor.inertia.negative - self.rows.shape[0], largest)
+        # where slack matters the order of elimination that needs none says the number, and the doubt stays
+        return found if found.certain else found._replace(number=self.below(bound))
 
     def below(self, bound: float) -> int:
         """Return how many eigenvalues of P H P on the motions lie below the bound."""

@@ -1,30 +1,27 @@
-"""Normal modes and the density of vibrational states."""
+"""Normal modes: the lowest ones, all, or all in a window of frequencies."""
 
 from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import KINDS, BoxStrain, Kind, bin_edges, instance, integer, one_of
-from packmech.constraints.basis import motion_basis
-from packmech.constraints.jacobian import scale_of_strain
+from packmech.check import BoxStrain, Kind, finite_array, instance, integer, one_of
 from packmech.jit.blas import single_thread
-from packmech.linalg.mandel import strain_directions
+from packmech.linalg.factor import NotDefinite
 from packmech.measure.contact_forces import resting_forces, unless_at_rest
-from packmech.mechanics.hessian import check_choices, check_strain_of_box, corner_of
-from packmech.mechanics.linked_systems import Operator, free_translations, link_motions, operator_of, rows_on
-from packmech.mechanics.network import Network
-from packmech.mechanics.system import bordered, system_of
+from packmech.mechanics.hessian import check_choices, check_strain_of_box
+from packmech.mechanics.linked_systems import Operator
+from packmech.mechanics.vibrations import ZERO, Vibrations, vibrations_of
 from packmech.scene import Scene
 
 METHODS = ("auto", "dense", "shift-invert")
@@ -33,12 +30,11 @@ _SHIFT = 1e-6
 _DENSE_ROWS = 400
 _DENSE_LIMIT = 8192
 _ROUNDS = 6
-# densities at the end of a plateau are averaged over this ratio of frequencies to both sides
-_WINDOW = 1.25
+# modes that one factorization is searched for in a window of more, and where these are cut in turn, if need be
+_SLICE = 100
+_CUTS = (0.5, 0.47, 0.54, 0.41)
 # frequencies that a repr names
 _SHOWN = 5
-# enough for all modes that the dense method takes on [bytes]
-_BASIS_BYTES = 3e9
 
 
 def lowest_in_words(count: int, frequency_m: NDArray[Any]) -> str:
@@ -58,7 +54,7 @@ class Modes:
     Attributes
     ----------
     eigenvalue_m
-        (M,) squared frequencies [1/time^2]; negative ones are directions in which the packing falls apart.
+        (M,) squared frequencies, ascending [1/time^2]; negative ones are directions in which the packing falls apart.
     displacement_mnd
         (M, N, d) displacements, zero for particles that were left out; with the strains, and the turns of particles
         with shapes, they are orthonormal in the mass metric, sum of mass * (u.u + t.t) + strain_scale^2 e.e = 1.
@@ -67,12 +63,13 @@ class Modes:
     residual
         Largest |D q - eigenvalue q| of a mode over (a bound on) the largest eigenvalue [1].
     available
-        Number of modes that the packing has besides translations; M of them are here, the lowest.
+        Number of modes that the packing has besides translations; M of them are here, the lowest but for `below`.
     translations, translation_error
         Number of uniform translations that cost nothing (d, fewer where walls or held particles anchor the packing),
         and how far they are from zero modes: |D t| over the largest eigenvalue [1].
     missed
-        Modes below the highest returned one that an inertia count sees and this list lacks; 0 in a correct answer.
+        Modes below the highest returned one, and within the window asked for, that a count by inertia sees and this
+        list lacks; 0 in a correct answer.
     largest
         Bound on the largest eigenvalue, by row sums [1/time^2].
     force_residual
@@ -95,6 +92,12 @@ class Modes:
         (N,) masses of the particles [mass].
     at_rest
         Whether `force_residual` is at most a hundredth, or no more than rounding of the coordinates makes of it.
+    below
+        Number of modes below those in the window asked for; 0 where the lowest were.
+    certain
+        Whether the counts behind `missed` hold whatever rounding did, as in `ModeCounts`.
+    relative_residual
+        Largest |D q - eigenvalue q| of a mode over the size of its own eigenvalue, zero modes left out [1].
 
     """
 
@@ -116,6 +119,9 @@ class Modes:
     participation_m: NDArray[np.float64]
     mass_n: NDArray[np.float64]
     at_rest: bool = True
+    below: int = 0
+    certain: bool = True
+    relative_residual: float = 0.0
 
     def __len__(self) -> int:
         return len(self.eigenvalue_m)
@@ -157,6 +163,7 @@ def normal_modes(
     scene: Scene,
     count: int | None = None,
     *,
+    between: tuple[float, float] | None = None,
     strain: BoxStrain = "none",
     kind: Kind = "exact",
     volume_curvature: str = "det",
@@ -165,7 +172,7 @@ def normal_modes(
     gap_tolerance: float | None = None,
     method: str = "auto",
 ) -> Modes:
-    """Return the lowest normal modes of a packing, or all of them.
+    """Return the lowest normal modes of a packing, all in a window of frequencies, or all of them.
 
     Rigid links keep their lengths: modes are those of P M^-1/2 H M^-1/2 P, P the projector on what the links admit,
     given in positions and strains.
@@ -177,6 +184,9 @@ def normal_modes(
     count
         How many modes, counted from the lowest and without the d translations; None for all. A packing with fewer
         gives those it has.
+    between
+        Angular frequencies low and high, in place of a count [1/time]: all modes from low on and below high. How many
+        there are is counted by inertia, as `count_modes` does. Low below zero takes in unstable modes.
     strain, kind, volume_curvature, strain_scale
         As in `dynamical_matrix`.
     rattlers
@@ -184,9 +194,9 @@ def normal_modes(
     gap_tolerance
         As in `hessian`.
     method
-        "dense" diagonalization, "shift-invert" (Lanczos on the factored matrix, started from a fixed vector), or
-        "auto": dense for up to 400 rows, for all modes, or for more than a quarter of them. Lowest 50, one thread,
-        CPU seconds: 2D N = 1024 .05 against .5.
+        "dense" diagonalization, "shift-invert" (Lanczos on the factored matrix, started from a fixed vector; in slices
+        of about a hundred modes where a window holds more), or "auto": dense for up to 400 rows, for all modes, or for
+        more than a quarter of them. Lowest 50, one thread, CPU seconds: 2D N = 1024 .05 against .5.
 
     Returns
     -------
@@ -203,9 +213,13 @@ def normal_modes(
     --------
     >>> import packmech as pm
     >>> crystal = pm.lattice_packing("triangular", repeats=(4, 4)).replace(mass_n=[1.0] * 16)
-    >>> modes = pm.normal_modes(pm.Scene(crystal, (pm.Repulsion(),)))
+    >>> scene = pm.Scene(crystal, (pm.Repulsion(),))
+    >>> modes = pm.normal_modes(scene)
     >>> len(modes), modes.translations, round(float(modes.frequency_m[-1]), 6)
     (30, 2, 2.44949)
+    >>> high = pm.normal_modes(scene, between=(2.0, 3.0))
+    >>> len(high), high.below, high.missed
+    (9, 21, 0)
 
     """
     start = time.process_time()
@@ -214,49 +228,47 @@ def normal_modes(
     one_of("method", method, METHODS)
     if count is not None:
         count = integer("count", count, at_least=1)
+    window = None if between is None else _window_of(between, count)
     packing = scene.packing
-    mass = packing.mass_n
-    scale = scale_of_strain(packing, strain_scale)
+    mass, dimension = packing.mass_n, packing.dimension
     check_strain_of_box(scene, strain)
-    dimension = packing.dimension
-    admitted = strain_directions(dimension, strain)
     with single_thread():
-        system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=strain != "none")
-        network, links, matrix = system.network, system.links, system.matrix()
-        index, free_nq, axis, root = _moving(network, mass)
-        kept = len(index)
-        if strain != "none":
-            corner = admitted.T @ corner_of(system, kind, strain, volume_curvature) @ admitted
-            matrix = bordered(matrix, system.column() @ admitted / scale, corner / scale**2)
-        weight = np.concatenate([1.0 / root, np.ones(admitted.shape[1])])
-        matrix = sp.csr_array(matrix.multiply(weight[:, None]).multiply(weight[None, :]))
-        rows = rows_on(links, network.free_f, 1.0 / root, admitted, scale)
-        translation = free_translations(matrix, rows, root, axis, dimension, network.anchored)
-        moving = translation.shape[1]
-        operator = operator_of(matrix, rows, dimension)
-        available = max(operator.motions - moving, 0) if kept else 0
-        wanted = available if count is None else min(count, available)
-        method = _choose(method, operator.motions, wanted, count)
-        largest = float(abs(matrix).sum(axis=0).max()) if kept else 0.0
-        if method == "dense":
-            basis = None
-            if len(links) and not network.free_f.all():
-                basis = link_motions(rows)
-            elif len(links):
-                basis = motion_basis(links, admitted, mass_n=mass[index], strain_scale=scale, memory_limit=_BASIS_BYTES)
-                basis = np.concatenate([basis[: len(root)] * root[:, None], admitted.T @ basis[len(root) :] * scale])
-            value, vector = _dense(matrix, basis, translation, largest, wanted)
-            missed = 0
+        vibrations = vibrations_of(
+            scene, kind, strain=strain, volume_curvature=volume_curvature, strain_scale=strain_scale,
+            rattlers=rattlers, gap_tolerance=gap_tolerance,
+        )  # fmt: skip
+        operator, translation, largest = vibrations.operator, vibrations.translation, vibrations.largest
+        index, free_nq, axis = vibrations.index_n, vibrations.free_nq, vibrations.axis_f
+        kept, coordinates, moving = len(index), len(axis), translation.shape[1]
+        available = vibrations.available
+        low = _End(-np.inf, 0, True)
+        if window is None:
+            high = _End(np.inf, available if count is None else min(count, available), True)
         else:
-            value, vector, missed = _shift_invert(operator, translation, largest, wanted)
-        residual = operator.apply(vector) - vector * value
-        worst = float(np.sqrt((residual**2).sum(axis=0)).max(initial=0.0))
+            low, high = (_End.at(vibrations, vibrations.level(one)) for one in window)
+        wanted = max(high.below - low.below, 0)
+        method = _choose(method, operator.motions, wanted, count, window is not None)
+        if method == "dense":
+            value, vector = _dense(
+                operator.matrix, vibrations.basis(), translation, largest, wanted, low.below if window else 0
+            )
+            inside = int(np.count_nonzero((value >= low.level) & (value < high.level)))
+            missed, certain = wanted - inside, low.certain and high.certain
+        elif window is None:
+            value, vector, missed, certain = _shift_invert(operator, translation, largest, wanted)
+        else:
+            value, vector, missed, certain = _in_window(vibrations, low, high)
+            wanted = len(value)
+        size_m = np.sqrt(((operator.apply(vector) - vector * value) ** 2).sum(axis=0))
+        worst = float(size_m.max(initial=0.0))
+        own = np.abs(value) > ZERO * largest
+        relative = float((size_m[own] / np.abs(value[own])).max(initial=0.0))
         drift = float(np.sqrt((operator.apply(translation) ** 2).sum(axis=0)).max(initial=0.0)) if kept else 0.0
     whole = resting_forces(scene)
-    whole.warn_of_rattlers(packing.particles - len(network.index_n))
+    whole.warn_of_rattlers(packing.particles - len(vibrations.network.index_n))
     vector = signed_columns(vector)
     motion = np.zeros((wanted, *free_nq.shape))
-    motion[:, free_nq] = vector[: len(root)].T
+    motion[:, free_nq] = vector[:coordinates].T
     part_mn = (motion**2).sum(axis=2)
     # a mode of the strains alone moves no particle
     square_m = (part_mn**2).sum(axis=1)
@@ -267,7 +279,7 @@ def normal_modes(
     return Modes(
         eigenvalue_m=value,
         displacement_mnd=np.ascontiguousarray(moved[..., :dimension]),
-        strain_me=vector[len(root) :].T @ admitted.T / scale,
+        strain_me=vector[coordinates:].T @ vibrations.admitted_es.T / vibrations.strain_scale,
         residual=worst / largest if largest else 0.0,
         available=available,
         translations=moving,
@@ -280,34 +292,53 @@ def normal_modes(
         method=method,
         seconds=time.process_time() - start,
         turn_mnk=np.ascontiguousarray(moved[..., dimension:]),
-        rotation_m=(vector[: len(root)][axis >= dimension] ** 2).sum(axis=0),
+        rotation_m=(vector[:coordinates][axis >= dimension] ** 2).sum(axis=0),
         participation_m=participation,
         mass_n=mass,
+        below=low.below,
+        certain=certain,
+        relative_residual=relative,
     )
 
 
-class _Moving(NamedTuple):
-    """The particles that move, their coordinates, and of each its place among its particle's and its root of a mass."""
+class _End(NamedTuple):
+    """An end of a window: an eigenvalue, how many modes lie below it, and whether that is certain."""
 
-    index_n: NDArray[np.int64]
-    free_nq: NDArray[np.bool_]
-    axis_f: NDArray[np.int64]
-    root_f: NDArray[np.float64]
+    level: float
+    below: int
+    certain: bool
+
+    @classmethod
+    def at(cls, vibrations: Vibrations, level: float) -> _End:
+        """Return the end at a level."""
+        found = vibrations.count(level)
+        return cls(level, found.number, found.certain)
+
+    @property
+    def frequency(self) -> float:
+        """Its angular frequency, minus the growth rate where it is unstable."""
+        return float(np.copysign(np.sqrt(abs(self.level)), self.level))
 
 
-def _moving(network: Network, mass_n: NDArray[np.float64]) -> _Moving:
-    """Return the particles of a network that are not held; turns are lengths, and so have their particle's mass."""
-    moves = network.free_nq.any(axis=1)
-    index, free = network.index_n[moves], network.free_nq[moves]
-    return _Moving(index, free, np.nonzero(free)[1], np.repeat(np.sqrt(mass_n[index]), free.sum(axis=1)))
+def _window_of(between: Any, count: int | None) -> tuple[float, float]:
+    """Return the checked ends of a window."""
+    if count is not None:
+        raise ValueError(f"count must be left out where a window between frequencies is given, got {count}")
+    low, high = finite_array("between", between, shape=(2,), what="end").tolist()
+    if not low < high:
+        raise ValueError(f"between must be a lower and a higher frequency, got {low:g} and {high:g}")
+    return low, high
 
 
-def _choose(method: str, rows: int, wanted: int, count: int | None) -> str:
-    small = rows <= _DENSE_ROWS or count is None or wanted > rows // 4
-    chosen = ("dense" if small else "shift-invert") if method == "auto" else method
-    if chosen == "shift-invert" and wanted >= rows - 1:
-        chosen = "dense"  # Lanczos needs room beyond the modes it finds
+def _choose(method: str, rows: int, wanted: int, count: int | None, windowed: bool) -> str:
+    many = wanted > rows // 4 and rows <= _DENSE_LIMIT if windowed else count is None or wanted > rows // 4
+    chosen = ("dense" if rows <= _DENSE_ROWS or many else "shift-invert") if method == "auto" else method
+    # Lanczos needs room beyond the modes it finds
+    if chosen == "shift-invert" and (wanted >= rows - 1 or (windowed and rows <= 2 * _SLICE)):
+        chosen = "dense"
     if chosen == "dense" and rows > _DENSE_LIMIT:
+        if windowed:
+            raise ValueError(f"method must be 'shift-invert' for more than {_DENSE_LIMIT} coordinates, got {method!r}")
         raise ValueError(
             f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {count} of {rows}"
         )
@@ -330,25 +361,27 @@ def _dense(
     translation: NDArray[np.float64],
     largest: float,
     wanted: int,
+    first: int = 0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the lowest modes, within the orthonormal columns of a basis if one is given."""
+    """Return modes from a number on, within the orthonormal columns of a basis if one is given."""
     import scipy.linalg
 
     if not wanted:
         return np.zeros(0), np.zeros((len(translation), 0))
     if basis is not None:
         inside = sp.csr_array(basis.T @ (matrix @ basis))
-        value, vector = _dense(inside, None, basis.T @ translation, largest, wanted)
+        value, vector = _dense(inside, None, basis.T @ translation, largest, wanted, first)
         return value, basis @ vector
     full = matrix.toarray()
     # lift the translations above everything else, out of the way
     full += (4.0 * largest or 1.0) * (translation @ translation.T)
     rows = len(full)
-    subset = None if wanted > rows // 3 else (0, wanted - 1)
+    last = first + wanted
+    subset = None if wanted > rows // 3 else (first, last - 1)
     value, vector = scipy.linalg.eigh(full, subset_by_index=subset)
     if largest == 0.0:
         value = np.zeros_like(value)
-    return value[:wanted], vector[:, :wanted]
+    return (value, vector) if subset else (value[first:last], vector[:, first:last])
 
 
 def _stable_shift(operator: Operator, largest: float) -> float:
@@ -361,25 +394,111 @@ def _stable_shift(operator: Operator, largest: float) -> float:
 
 def _shift_invert(
     operator: Operator, translation: NDArray[np.float64], largest: float, wanted: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int, bool]:
+    """Return the lowest modes, how many of them were missed, and whether that is certain."""
     if not wanted:
-        return np.zeros(0), np.zeros((len(translation), 0)), 0
+        return np.zeros(0), np.zeros((len(translation), 0)), 0, True
     shift = _stable_shift(operator, largest)
-    rows = operator.size
-    solve = operator.solver(shift)
-    found = np.zeros((rows, 0))
-    missed = 0
+    certain = True
+
+    def missed_of(value: NDArray[np.float64]) -> int:
+        nonlocal certain
+        missed, certain = _missed(operator, value[:wanted], largest, translation.shape[1])
+        return missed
+
+    value, found, missed = _search(operator, operator.solver(shift), shift, translation, wanted, missed_of)
+    return value[:wanted], found[:, :wanted], max(missed, 0), certain
+
+
+def _search(
+    operator: Operator,
+    solve: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    shift: float,
+    translation: NDArray[np.float64],
+    wanted: int,
+    missed_of: Callable[[NDArray[np.float64]], int],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Return the modes nearest to a shift, ascending, in runs of Lanczos until a count misses none."""
+    found = np.zeros((operator.size, 0))
+    value, missed = np.zeros(0), wanted
     for turn in range(_ROUNDS):
         # a Lanczos run can overlook a member of a degenerate set; the next one searches across what was found
         taken = np.hstack([translation, found])
         more = min(wanted if turn == 0 else max(missed, 1), operator.motions - taken.shape[1] - 1)
+        if more < 1:
+            break
         found = np.hstack([found, _lanczos(operator, solve, shift, taken, more, turn)])
         value, inside = np.linalg.eigh(found.T @ operator.apply(found))
         found = found @ inside
-        missed = _missed(operator, value[:wanted], largest, translation.shape[1])
+        missed = missed_of(value)
         if missed <= 0:
             break
-    return value[:wanted], found[:, :wanted], max(missed, 0)
+    return value, found, missed
+
+
+def _in_window(
+    vibrations: Vibrations, low: _End, high: _End
+) -> tuple[NDArray[np.float64], NDArray[np.float64], int, bool]:
+    """Return all modes between two ends, how many the counts say are missing, and whether these are certain."""
+    operator = vibrations.operator
+    values, vectors, missed, certain = [np.zeros(0)], [np.zeros((operator.size, 0))], 0, low.certain and high.certain
+    slices = list(_slices(vibrations, low, high))
+    for bottom, top in slices:
+        value, vector, lacking = _between(vibrations, bottom, top)
+        values.append(value)
+        vectors.append(vector)
+        missed += max(lacking, 0)
+        certain = certain and bottom.certain and top.certain and lacking >= 0
+    value, vector = np.concatenate(values), np.hstack(vectors)
+    if len(slices) > 1:
+        # nearly equal eigenvalues to both sides of a cut need not have come out orthogonal
+        vector = np.linalg.qr(vector)[0]
+        value, inside = np.linalg.eigh(vector.T @ operator.apply(vector))
+        vector = vector @ inside
+    return value, vector, missed, certain
+
+
+def _slices(vibrations: Vibrations, low: _End, high: _End) -> Iterator[tuple[_End, _End]]:
+    """Give slices of a window, of about a hundred modes each, empty ones left out."""
+    if high.below <= low.below:
+        return
+    if high.below - low.below <= _SLICE or high.level - low.level <= ZERO * vibrations.largest:
+        yield low, high
+        return
+    for part in _CUTS:
+        level = vibrations.level(low.frequency + part * (high.frequency - low.frequency))
+        middle = _End.at(vibrations, level)
+        if middle.certain:
+            break
+    yield from _slices(vibrations, low, middle)
+    yield from _slices(vibrations, middle, high)
+
+
+def _between(vibrations: Vibrations, low: _End, high: _End) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+    """Return the modes between two ends, and how many the counts say are missing."""
+    operator, expected = vibrations.operator, high.below - low.below
+
+    def inside(value: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return (value >= low.level) & (value < high.level)
+
+    def missed_of(value: NDArray[np.float64]) -> int:
+        return expected - int(np.count_nonzero(inside(value)))
+
+    for part in _CUTS:
+        # a shift that is an eigenvalue cannot be inverted
+        shift = low.level + part * (high.level - low.level)
+        try:
+            solve = operator.solver(shift, definite=False)
+            break
+        except NotDefinite as failure:
+            reason = failure
+    else:
+        raise reason
+    # those nearest to the shift are not quite those of the slice
+    wanted = expected + expected // 8 + 6
+    value, found, missed = _search(operator, solve, shift, vibrations.translation, wanted, missed_of)
+    chosen = inside(value)
+    return value[chosen], found[:, chosen], missed
 
 
 def _lanczos(
@@ -412,8 +531,11 @@ def _lanczos(
     return kept
 
 
-def _missed(operator: Operator, value: NDArray[np.float64], largest: float, translations: int) -> int:
-    """Return how many eigenvalues the list lacks, by the inertia at the widest gap among its upper quarter."""
+def _missed(operator: Operator, value: NDArray[np.float64], largest: float, translations: int) -> tuple[int, bool]:
+    """Return how many eigenvalues the list lacks, by the inertia at the widest gap among its upper quarter.
+
+    And whether that is certain.
+    """
     upper = np.sort(value)[-max(2, len(value) // 4) :]
     gap = np.diff(upper)
     if len(gap) and gap.max() > 1e-9 * largest:
@@ -423,193 +545,5 @@ def _missed(operator: Operator, value: NDArray[np.float64], largest: float, tran
         bound = float(value.min()) - 1e-7 * largest
     # the translations were projected out of the list, but the matrix still has their zeros
     listed = int(np.count_nonzero(value < bound)) + (translations if bound > 0.0 else 0)
-    return operator.below(bound) - listed
-
-
-@shown()
-@dataclass(frozen=True, eq=False)
-class StateDensity:
-    """Density of vibrational states over angular frequency.
-
-    Attributes
-    ----------
-    edge_b
-        (B + 1,) edges of the bins [1/time].
-    count_b
-        (B,) number of modes in each bin, uniform translations left out.
-    modes
-        Number of modes that the packing has besides translations that cost nothing.
-    seconds
-        CPU time.
-
-    """
-
-    edge_b: NDArray[np.float64]
-    count_b: NDArray[np.int64]
-    modes: int
-    seconds: float
-
-    @property
-    def density_b(self) -> NDArray[np.float64]:
-        """The (B,) density [time]: its integral over all frequencies is 1; zeros where there is no mode."""
-        return self.count_b / (np.diff(self.edge_b) * max(self.modes, 1))
-
-    @property
-    def center_b(self) -> NDArray[np.float64]:
-        """The (B,) middles of the bins [1/time]."""
-        return (self.edge_b[1:] + self.edge_b[:-1]) / 2.0
-
-    @property
-    def plateau(self) -> float:
-        """Height of the plateau [time]: the mean density between the lowest tenth and the lowest three tenths of modes.
-
-        Harmonic packings near jamming, taken without their stress (kind="unstressed"), have one; nan without modes.
-        """
-        low, high = self._quantile(0.1), self._quantile(0.3)
-        return 0.2 / (high - low) if self.modes else float("nan")
-
-    @property
-    def plateau_edge(self) -> float:
-        """Angular frequency omega* at which the plateau ends [1/time]; nan where it reaches down to the lowest bin.
-
-        Followed down from the lowest tenth of the modes, the density falls to half of the plateau here. Densities are
-        those over a quarter of the frequency to both sides, so that few packings give a smooth curve; bins finer than
-        that, and many modes, of several packings if need be, give a sharp answer.
-        """
-        center = np.sqrt(np.maximum(self.edge_b[1:] * self.edge_b[:-1], 0.0))
-        center = center[(center > 0.0) & (center <= self._quantile(0.1))]
-        below = np.concatenate([[0], np.cumsum(self.count_b)])
-        number = np.interp(center * _WINDOW, self.edge_b, below) - np.interp(center / _WINDOW, self.edge_b, below)
-        share = number / (center * (_WINDOW - 1.0 / _WINDOW) * self.modes * self.plateau)
-        low = np.nonzero(share < 0.5)[0]
-        if not len(low) or low[-1] + 1 == len(center):
-            return float("nan")
-        k = low[-1]
-        part = (0.5 - share[k]) / (share[k + 1] - share[k])
-        return float(center[k] ** (1.0 - part) * center[k + 1] ** part)
-
-    def _quantile(self, part: float) -> float:
-        """Return the frequency below which this part of the modes lies."""
-        below = np.concatenate([[0], np.cumsum(self.count_b)])
-        return float(np.interp(part * self.modes, below, self.edge_b))
-
-    @classmethod
-    def merged(cls, parts: Sequence[StateDensity]) -> StateDensity:
-        """Return the states of several packings in one; their bins must be the same."""
-        if not parts or any(not np.array_equal(one.edge_b, parts[0].edge_b) for one in parts):
-            raise ValueError("parts must be densities over the same bins, and at least one")
-        return cls(
-            parts[0].edge_b,
-            np.sum([one.count_b for one in parts], axis=0),
-            sum(one.modes for one in parts),
-            sum(one.seconds for one in parts),
-        )
-
-
-@honors(
-    "repulsion kinds bonds interactions gravity walls held links shapes memory",
-    at_rest=True,
-    rough="pm.frictional_modes",
-)
-@shown_as("density of states")
-def density_of_states(
-    source: Modes | Scene,
-    bins: int | ArrayLike = 50,
-    *,
-    kind: Kind = "exact",
-    rattlers: str = "remove",
-    gap_tolerance: float | None = None,
-) -> StateDensity:
-    """Return the density of vibrational states D(omega) = (N(omega + d omega) - N(omega)) / d omega, normalized to 1.
-
-    N counts the modes up to a frequency, uniform translations left out, so that the normalization is d N' - d modes.
-    For a scene N is counted by the inertia of the shifted Hessian, one sparse factorization for each bin edge and no
-    mode computed: exact for any number of particles. Frequencies of unstable modes are minus their growth rates.
-
-    Parameters
-    ----------
-    source
-        All modes of a packing (`normal_modes(scene)`), or a scene, taken in its fixed box.
-    bins
-        Number of bins between zero (or the lowest unstable frequency) and the highest, or their edges [1/time].
-    kind, rattlers, gap_tolerance
-        As in `normal_modes`; used for a scene.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If the source is neither, the modes are only some of the packing's, or the edges do not increase.
-
-    Examples
-    --------
-    >>> import packmech as pm
-    >>> scene = pm.Scene(pm.lattice_packing("triangular", repeats=(6, 6)), (pm.Repulsion(),))
-    >>> states = pm.density_of_states(scene, 10)
-    >>> int(states.count_b.sum()), round(float((states.density_b * np.diff(states.edge_b)).sum()), 12)
-    (70, 1.0)
-
-    """
-    start = time.process_time()
-    if isinstance(source, Modes):
-        if not source.complete:
-            raise ValueError(
-                f"source must hold all modes, got {len(source)} of {source.available}; "
-                "call normal_modes without a count, or pass the scene"
-            )
-        frequency = source.frequency_m
-        top = max(float(frequency.max(initial=0.0)), 0.0)
-        edge = _edges(bins, min(float(frequency.min(initial=0.0)), 0.0), top)
-        count = np.histogram(frequency, edge)[0]
-        return StateDensity(edge, count.astype(np.int64), source.available, time.process_time() - start)
-    instance("source", source, Scene)
-    one_of("kind", kind, KINDS)
-    dimension = source.packing.dimension
-    system = system_of(source, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
-    links, (index, _, axis, root) = system.links, _moving(system.network, source.packing.mass_n)
-    if not len(index):
-        edge = _edges(bins, 0.0, 1.0)
-        return StateDensity(edge, np.zeros(len(edge) - 1, np.int64), 0, time.process_time() - start)
-    with single_thread():
-        weight = 1.0 / root
-        matrix = sp.csr_array(system.matrix().multiply(weight[:, None]).multiply(weight[None, :]))
-        none = np.zeros((dimension * (dimension + 1) // 2, 0))
-        rows = rows_on(links, system.network.free_f, weight, none, 1.0)
-        moving = free_translations(matrix, rows, root, axis, dimension, system.network.anchored).shape[1]
-        operator = operator_of(matrix, rows, dimension)
-        low, high = _ends(operator)
-        edge = _edges(bins, low, high)
-        # zero modes have eigenvalues of either sign at rounding: an edge at zero counts all of them above it
-        rounding = 1e-10 * high**2
-        level = np.sign(edge) * edge**2
-        level[np.abs(level) < rounding] = -rounding
-        below = np.array([operator.below(float(one)) for one in level])
-        # uniform translations are zero modes of the matrix, not vibrations
-        below = below - np.where(level > 0.0, moving, 0)
-    modes = operator.motions - moving
-    return StateDensity(edge, np.diff(below).astype(np.int64), modes, time.process_time() - start)
-
-
-def _edges(bins: int | ArrayLike, low: float, high: float) -> NDArray[np.float64]:
-    found = bin_edges("bins", bins)
-    return np.linspace(low, high if high > low else low + 1.0, found + 1) if isinstance(found, int) else found
-
-
-def _ends(operator: Operator) -> tuple[float, float]:
-    """Return frequencies just below the lowest and above the highest mode, zero if none is unstable."""
-    import scipy.sparse.linalg as spla
-
-    rows = operator.size
-    if rows < 40:
-        value = np.linalg.eigvalsh(operator.apply(operator.project(np.eye(rows))))
-        lowest, highest = float(value[0]), float(value[-1])
-    else:
-        begin = operator.project(np.random.default_rng(0).normal(size=rows))
-        plain = spla.LinearOperator((rows, rows), matvec=lambda v: operator.apply(v.ravel()), dtype=np.float64)
-        highest = float(spla.eigsh(plain, k=1, which="LA", v0=begin, return_eigenvectors=False)[0])
-        lowest = 0.0
-        if operator.below(-1e-10 * highest):
-            lowest = float(spla.eigsh(plain, k=1, which="SA", v0=begin, return_eigenvectors=False)[0])
-    floor = -1e-10 * abs(highest)
-    # a hair outside, so that the outermost modes fall inside the outermost bins
-    low = -np.sqrt(-lowest) * (1.0 + 1e-9) if lowest < floor else 0.0
-    return float(low), float(np.sqrt(max(highest, 0.0)) * (1.0 + 1e-9))
+    found = operator.count(bound)
+    return found.number - listed, found.certain

@@ -83,7 +83,7 @@ def soft_spots(modes: Modes, count: int | None = None, *, particles: int | None 
     Parameters
     ----------
     modes
-        Of `normal_modes`, without unstable ones; all of them give the whole vibrality.
+        Of `normal_modes`, from the lowest on, without unstable ones; all of them give the whole vibrality.
     count
         How many of the lowest modes count as low, the zero modes left out. None: 30, or all where there are fewer.
     particles
@@ -92,7 +92,7 @@ def soft_spots(modes: Modes, count: int | None = None, *, particles: int | None 
     Raises
     ------
     TypeError, ValueError
-        If an argument is not what it must be, or a mode is unstable.
+        If an argument is not what it must be, a mode is unstable, or lower ones than those given were left out.
 
     Examples
     --------
@@ -105,6 +105,8 @@ def soft_spots(modes: Modes, count: int | None = None, *, particles: int | None 
 
     """
     instance("modes", modes, Modes)
+    if modes.below:
+        raise ValueError(f"modes must begin with the lowest, got a window with {modes.below} below it")
     if modes.negative:
         raise ValueError(f"modes must be of a stable packing, got {modes.negative} unstable ones of {len(modes)}")
     some = ~modes.zero_m

@@ -23,11 +23,11 @@ from packmech.mechanics.assembly import assemble
 from packmech.mechanics.hessian import refuse_no_copies
 from packmech.mechanics.relaxation import relax
 from packmech.mechanics.system import System, system_of
-from packmech.mechanics.wave_matrices import wave_stiffness
+from packmech.mechanics.wave_matrices import WaveStiffness
 from packmech.scene import Scene
 
 # up to so many coordinates, or a quarter of them asked for, all eigenvalues are found at once
-_DENSE_ROWS = 1200
+DENSE_ROWS = 1200
 _DENSE_LIMIT = 8192
 # the shift lies this far below zero, in bounds on the largest eigenvalue
 _SHIFT = 1e-6
@@ -194,6 +194,40 @@ def _lengths(scene: Scene, fraction_kd: NDArray[np.float64]) -> NDArray[np.float
     return np.asarray(np.sqrt((vector**2).sum(axis=1)))
 
 
+class WaveCell:
+    """A scene whose box is one cell of an endless packing: second derivatives over masses at any wave vector.
+
+    Parameters
+    ----------
+    scene, kind, rattlers, gap_tolerance
+        As in `waves`.
+
+    """
+
+    def __init__(self, scene: Scene, kind: Kind, rattlers: str, gap_tolerance: float | None) -> None:
+        one_of("kind", kind, KINDS)
+        refuse_no_copies(scene, "scene must be without")
+        system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
+        network = system.network
+        self.index_n = network.index_n
+        self._there = network.there_nq.ravel()
+        self.branches = int(self._there.sum())
+        self._weight = 1.0 / np.sqrt(np.repeat(scene.packing.mass_n[network.index_n], network.there_nq.sum(axis=1)))
+        self._stiffness = WaveStiffness(system.elements, network.turn_nkt, network.packing)
+
+    def matrix(self, fraction_d: NDArray[np.float64]) -> sp.csr_array:
+        """Return the Hermitian matrix whose eigenvalues are squared frequencies at a wave vector [1/time^2]."""
+        whole = self._stiffness.at(fraction_d)[self._there][:, self._there]
+        return sp.csr_array(whole.multiply(self._weight[:, None]).multiply(self._weight[None, :]))
+
+
+def real_form(matrix: sp.csr_array) -> sp.csr_array:
+    """Return a Hermitian matrix as a symmetric one of real numbers, which has each eigenvalue twice."""
+    real = sp.csr_array(sp.block_array([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]]))
+    real.sort_indices()
+    return real
+
+
 def _waves(
     scene: Scene,
     fraction_kd: NDArray[np.float64],
@@ -204,30 +238,23 @@ def _waves(
     gap_tolerance: float | None,
 ) -> Waves:
     start = time.process_time()
-    one_of("kind", kind, KINDS)
-    refuse_no_copies(scene, "scene must be without")
-    system = system_of(scene, kind, gap_tolerance=gap_tolerance, rattlers=rattlers, strained=False)
-    network = system.network
-    there = network.there_nq.ravel()
-    branches = int(there.sum())
+    cell = WaveCell(scene, kind, rattlers, gap_tolerance)
+    branches = cell.branches
     wanted = branches if count is None else min(integer("count", count, at_least=1), branches)
-    dense = branches <= _DENSE_ROWS or wanted > branches // 4
+    dense = branches <= DENSE_ROWS or wanted > branches // 4
     if dense and branches > _DENSE_LIMIT:
         raise ValueError(f"count must be given, and small, for more than {_DENSE_LIMIT} coordinates, got {branches}")
-    weight = 1.0 / np.sqrt(np.repeat(scene.packing.mass_n[network.index_n], network.there_nq.sum(axis=1)))
     frequency, residual, missed = np.zeros((len(fraction_kd), wanted)), 0.0, 0
     with single_thread():
         for k, fraction in enumerate(fraction_kd if wanted else []):
-            whole = wave_stiffness(system.elements, network.turn_nkt, network.packing, fraction)[there][:, there]
-            matrix = sp.csr_array(whole.multiply(weight[:, None]).multiply(weight[None, :]))
-            value, left, lacking = _lowest(matrix, wanted, dense)
+            value, left, lacking = _lowest(cell.matrix(fraction), wanted, dense)
             frequency[k] = np.copysign(np.sqrt(np.abs(value)), value)
             residual, missed = max(residual, left), missed + lacking
     along = np.concatenate([[0.0], np.cumsum(_lengths(scene, np.diff(fraction_kd, axis=0)))])[: len(fraction_kd)]
     seconds = time.process_time() - start
     rest = resting_forces(scene)
     return Waves(
-        *(fraction_kd, frequency, along, corner_k, branches, residual, network.index_n, seconds),
+        *(fraction_kd, frequency, along, corner_k, branches, residual, cell.index_n, seconds),
         rest.residual,
         rest.at_rest,
         missed,
@@ -253,9 +280,7 @@ def _shift_invert(
     matrix: sp.csr_array, count: int, bound: float
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128], int]:
     """Return the lowest eigenvalues and vectors, and how many lower ones a count by inertia shows to be missing."""
-    # the real form has each eigenvalue twice
-    real = sp.csr_array(sp.block_array([[matrix.real, -matrix.imag], [matrix.imag, matrix.real]]))
-    real.sort_indices()
+    real = real_form(matrix)
     shift = -_SHIFT * bound
     while eigenvalues_below(real, shift):
         shift *= 8.0

@@ -7,6 +7,7 @@ import io
 import math
 import textwrap
 from collections.abc import Callable, Mapping
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,10 @@ from packmech.measure.scattering import ShellAverage
 from packmech.measure.structure import Correlation, PairDistribution
 from packmech.mechanics.complex_modulus import ComplexModulus
 from packmech.mechanics.elasticity import Moduli
-from packmech.mechanics.modes import Modes, StateDensity
+from packmech.mechanics.mode_counts import ModeCounts
+from packmech.mechanics.modes import Modes
+from packmech.mechanics.state_density import StateDensity
+from packmech.mechanics.waves import SoundSpeeds, Waves
 from packmech.packing import Packing
 from packmech.protocols.cement import Cementing
 from packmech.protocols.deform import Deformation
@@ -72,11 +76,12 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
         the fewest copies that unjam where one box does not; its answer on copies: these (else on `packing=`). A
         motion, modes: arrows on `packing=`; modes without it: their spectrum. An avalanche: what it moved.
         Displacements and local strains: arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane
-        (`of=`). Moduli: the matrix. Else a curve: a density of states, pair distribution, shell average, correlation,
-        stress-strain curve or loop, flow curve, moduli against amplitude or frequency, creep, mean square displacement,
-        self-intermediate scattering, energy ledger, cementing, shear families, distribution of forces, numbers of
-        contacts, statistics of an ensemble (`fit=True` draws a power law, or one that was fitted), work and precision,
-        or a trace (`of=` names what).
+        (`of=`). Moduli: the matrix. Speeds of sound: along their direction, with how particles move. Else a curve: a
+        density of states, numbers of modes, waves (branches along a path), pair distribution, shell average,
+        correlation, stress-strain curve or loop, flow curve, moduli against amplitude or frequency, creep, mean square
+        displacement, self-intermediate scattering, energy ledger, cementing, shear families, distribution of forces,
+        numbers of contacts, statistics of an ensemble (`fit=True` draws a power law, or one that was fitted), work and
+        precision, or a trace (`of=` names what).
     ax
         Axes of matplotlib to draw on; new ones unless given.
     options
@@ -517,6 +522,79 @@ def _draw_states(density: StateDensity, ax: Any, *, log: bool = False, label: st
     ax.set(xlabel=r"angular frequency $\omega$ [1/time]", ylabel=r"density of states $D(\omega)$ [time]")
     _finish(ax)
     _scale(ax, log)
+
+
+@_draws(ModeCounts)
+def _draw_counts(found: ModeCounts, ax: Any, *, log: bool = False, label: str = "") -> None:
+    """Draw numbers of modes against frequencies, uncertain ones as empty marks."""
+    order = np.argsort(found.below_v)
+    below_v, count_v, certain_v = found.below_v[order], found.count_v[order], found.certain_v[order]
+    style = _curve(ax, label)
+    ax.plot(below_v, count_v, markevery=certain_v.tolist(), **_POINTS, **style)
+    if not certain_v.all():
+        empty = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
+        ax.plot(below_v[~certain_v], count_v[~certain_v], color=style["color"], **empty)
+    ax.set(xlabel=r"angular frequency $\omega$ [1/time]", ylabel=r"modes below $\omega$")
+    _finish(ax, f"numbers of {found.available} modes")
+    _scale(ax, log)
+
+
+@_draws(Waves)
+def _draw_waves(found: Waves, ax: Any, *, label: str = "") -> None:
+    """Draw branches along a path, its corners named; frequencies at wave vectors that are none as points."""
+    style = _curve(ax, label)
+    name, along_k, corner_k = style.pop("label"), found.along_k, found.corner_k
+    on_path = len(corner_k) < len(along_k)
+    style |= {"linewidth": 1.0} if on_path else {"linestyle": "none", "marker": "o", "markersize": 3.0}
+    for m, frequency_k in enumerate(found.frequency_km.T):
+        ax.plot(along_k, frequency_k, label=None if m else name, **style)
+    if (found.frequency_km < 0.0).any():
+        ax.axhline(0.0, color="#888888", linewidth=0.8)
+    ax.set(xlabel="way through the wave vectors [1/length]", ylabel=r"angular frequency $\omega$ [1/time]")
+    if on_path:
+        for corner in along_k[corner_k]:
+            ax.axvline(corner, color="#888888", linewidth=0.8, zorder=0.5)
+        ax.set_xticks(along_k[corner_k], [_fractions(one) for one in found.wave_vector_kd[corner_k]])
+        ax.set(xlabel="wave vector [reciprocal lattice]", xlim=(along_k[0], along_k[-1]))
+    _finish(ax, f"{found.frequency_km.shape[1]} branches")
+
+
+def _fractions(fraction_d: NDArray[np.float64]) -> str:
+    """Return a wave vector in words: whole numbers over small ones where it is that."""
+    if not fraction_d.any():
+        return "0"
+    near = [Fraction(float(one)).limit_denominator(24) for one in fraction_d]
+    exact = np.allclose([float(one) for one in near], fraction_d, rtol=0.0, atol=1e-9)
+    return f"({', '.join(map(str, near)) if exact else ', '.join(f'{one:.3g}' for one in fraction_d)})"
+
+
+@_draws(SoundSpeeds, size=SQUARE)
+def _draw_speeds(found: SoundSpeeds, ax: Any, *, label: str = "") -> None:
+    """Draw the speeds along their direction, with sticks along which the particles move; growing waves as crosses."""
+    known = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    # other directions of what has this label already
+    color = known[label].get_color() if label in known else _curve(ax, label)["color"] if label else None
+    longest = float(np.abs(found.speed_m).max(initial=0.0))
+    stick = 0.12 * longest
+    ray_ks = drawing.projected(np.stack([np.zeros_like(found.direction_d), found.direction_d * longest]))
+    ax.plot(*ray_ks[:, :2].T, color="#bbbbbb", linewidth=0.6, zorder=1.0)
+    for m, (speed, polarization_d) in enumerate(zip(found.speed_m, found.polarization_md, strict=True)):
+        tip_d = found.direction_d * abs(speed)
+        ends_ks = drawing.projected(np.stack([tip_d - stick * polarization_d, tip_d + stick * polarization_d]))
+        tip_s = drawing.projected(tip_d)
+        own = color or COLORS[m % len(COLORS)]
+        angle = math.degrees(math.acos(min(abs(float(polarization_d @ found.direction_d)), 1.0)))
+        words = f"{speed:.4g} [length/time], motion at {angle:.0f}° to the way"
+        ax.plot(*ends_ks[:, :2].T, color=own, linewidth=1.2)
+        mark = "o" if speed >= 0.0 else "x"
+        name = (None if m or label in known else label) if label else words
+        ax.plot(*tip_s[:2, None], mark, color=own, markersize=4.0, label=name)
+    plane = len(found.direction_d) == 2
+    ax.set(xlabel="speed along x [length/time]" if plane else "speed, seen from the side [length/time]")
+    ax.set(ylabel="speed along y [length/time]" if plane else "speed [length/time]", aspect="equal")
+    reach = 1.1 * max(float(np.abs(np.asarray(one.get_data())).max(initial=0.0)) for one in ax.get_lines()) or 1.0
+    ax.set(xlim=(-reach, reach), ylim=(-reach, reach))
+    _finish(ax)
 
 
 # -- structure ------------------------------------------------------------------------------------------------------

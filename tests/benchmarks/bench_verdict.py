@@ -22,7 +22,6 @@ from packmech.jamming.certificates import yield_to_loads
 from packmech.jamming.contact_selection import backbone_contacts, backbone_of, check_rest, select_contacts
 from packmech.jamming.motion_cone import motion_cone
 from packmech.jamming.programs import largest_smallest_force
-from packmech.jamming.tiled import copies_of
 
 PRESSURE = 1e-8
 # particles, dimension, copies of the jammed cell, seconds and megabytes asked for
@@ -126,7 +125,7 @@ def measure_goals(slowness: float) -> None:
     print(f"{heading} {'gap':>8} {'max|y|':>8}  collective/strict")
     spawning = multiprocessing.get_context("spawn")
     for particles, dimension, repeats, seconds, memory in GOALS:
-        packing = copies_of(cell(particles // int(np.prod(repeats)), dimension), repeats)
+        packing = cell(particles // int(np.prod(repeats)), dimension).repeated(repeats)
         for method in ("certificate", "loads"):
             with spawning.Pool(1) as pool:
                 took, peak, said, gap, longest = pool.apply(one_verdict, (packing, method))

@@ -42,6 +42,7 @@ def results():
         "held": pm.FixedParticles(tuple(range(0, 512, 2))),
         "g(r)": pm.pair_distribution(run.packing, r_max=4.0, bins=200),
         "states": pm.density_of_states(at_rest),
+        "counts": pm.count_modes(at_rest, np.linspace(0.0, 2.0, 9)),
     }  # fmt: skip
 
 

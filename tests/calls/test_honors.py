@@ -158,6 +158,7 @@ RESTING = {
     "perturbation_energy": lambda scene: pm.perturbation_energy(scene, np.ones((scene.packing.particles, 2))),
     "normal_modes": lambda scene: pm.normal_modes(scene).frequency_m,
     "density_of_states": lambda scene: pm.density_of_states(scene).density_b,
+    "count_modes": lambda scene: pm.count_modes(scene, 1.0).distance_v,
     "waves": lambda scene: pm.waves(scene, [[0.3, 0.1]]).frequency_km,
     "dispersion": lambda scene: pm.dispersion(scene, [[0.1, 0.0], [0.5, 0.2]], points=3).frequency_km,
     "sound_speeds": lambda scene: pm.sound_speeds(scene, [1.0, 0.3]).speed_m,
@@ -188,6 +189,7 @@ ELSEWHERE = {
     "cement": "jam and moduli: tests/protocols/test_cement.py",
     "local_yield_stress": "a minimization by other means: tests/protocols/test_local_yield.py",
     "displaced_rest": "exact arithmetic: tests/hard_cases/tiny_pressures.py, laws by kinds: tests/hard_cases/rough.py",
+    "export_scene": "energy and pressure, as other programs find them: tests/scenes/test_export.py",
     "play_motion": "geometry alone: tests/jamming/test_play.py",
 }
 
@@ -490,7 +492,7 @@ def test_what_is_remembered_changes_what_honors_it_and_is_refused_elsewhere():
     held = pm.TangentialDisplacements(near.i_c, near.j_c, near.image_cd, 0.0 * ones, memory_ck=ones)
     scene = pm.Scene(packing.replace(tangential=held), (pm.JKR(1.0, 0.01),))
     now = {"energy", "forces", "torques", "stress_tensor", "pressure", "link_tension", "coarse_grain", "hessian"}
-    now |= {"dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states"}
+    now |= {"dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states", "count_modes"}
     now |= {"elastic_moduli", "compliance_matrix", "waves", "dispersion", "sound_speeds"}
     assert {name for name in CALLS if CALLS[name].answer("memory") == HONORED} == now | {"simulate", "resume"}
     # a translation takes no energy

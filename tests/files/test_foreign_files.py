@@ -1,12 +1,11 @@
 """Facts about files of other programs, which are read, and of packmech's files, which other programs read."""
 
-import ctypes
 import pathlib
-import sys
 import warnings
 
 import numpy as np
 import pytest
+from peer_programs import lammps
 
 import packmech as pm
 
@@ -407,15 +406,6 @@ def test_paraview_sees_particles_and_lines_of_the_right_lengths(tmp_path):
 
 
 # -- LAMMPS itself -----------------------------------------------------------------------------------------------------
-
-
-def lammps():
-    """Return LAMMPS without output; its MPI library lies in the environment's lib folder and is loaded before it."""
-    for name in ("libmpi.so.12", "libmpi_abi.so.1"):
-        path = pathlib.Path(sys.prefix) / "lib" / name
-        if path.exists():
-            ctypes.CDLL(str(path), mode=ctypes.RTLD_GLOBAL)
-    return pytest.importorskip("lammps").lammps(cmdargs=["-log", "none", "-screen", "none"])
 
 
 LATTICES = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.jamming.tiled import _commensurate, _cover, _Waves, copies_of
+from packmech.jamming.tiled import _commensurate, _cover, _Waves
 
 
 def jammed(particles, seed, strain):
@@ -59,7 +59,7 @@ def test_discs_that_also_resist_shear_are_jammed_in_copies_and_programs_agree(se
     tiled = verdict.tiled
     assert tiled.collective == tiled.strict == "jammed" and tiled.cells > 100 and tiled.smallest_singular_value > 0.0
     for repeats in ((2, 1), (2, 2)):
-        found = pm.classify_jamming(copies_of(run.packing, repeats))
+        found = pm.classify_jamming(run.packing.repeated(repeats))
         assert (found.collectively.first_order_jammed, found.strictly.first_order_jammed) == (True, True)
         assert pm.classify_jamming(run.packing, tiled=repeats).tiled.strict == "jammed"
 
@@ -130,7 +130,7 @@ def test_rows_of_all_waves_are_the_rows_of_copies():
             for a, b in itertools.product(range(2), range(3))
         ]
     )
-    many = copies_of(packing, repeats)
+    many = packing.repeated(repeats)
     rattling = np.tile(~waves.backbone_n, 6)
     contacts = pm.find_contacts(many, gap_tolerance=1e-6)
     inside = ~rattling[contacts.i_c] & ~rattling[contacts.j_c]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.jamming.tiled import copies_of
 
 SPRINGS = (pm.Repulsion(),)
 
@@ -52,7 +51,7 @@ def test_dispersion_of_bravais_lattices_is_the_sum_over_neighbors(name, overlap)
 @pytest.mark.parametrize(("dimension", "repeats"), [(2, (3, 2)), (3, (2, 1, 2))])
 def test_waves_of_a_box_are_the_modes_of_its_copies(dimension, repeats):
     scene = rest(20, dimension, 1)
-    many = scene.replace(packing=copies_of(scene.packing, repeats))
+    many = scene.replace(packing=scene.packing.repeated(repeats))
     fractions = np.stack(
         np.meshgrid(*(np.arange(n) / n for n in repeats), indexing="ij"), axis=-1
     ).reshape(-1, dimension)  # fmt: skip
@@ -128,7 +127,7 @@ def test_sound_in_isotropic_crystals_goes_by_the_moduli(overlap):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(10))
 def test_sound_is_the_slope_of_the_lowest_branches(seed, dimension):
     scene = rest(24, dimension, seed)
     direction = np.eye(dimension)[seed % dimension]
@@ -153,7 +152,7 @@ def test_dispersion_passes_its_corners_and_lowest_branches_are_those_of_all():
 
 def test_many_particles_are_searched_from_below():
     scene = rest(24, 2, 1)
-    many = scene.replace(packing=copies_of(scene.packing, (8, 8)))
+    many = scene.replace(packing=scene.packing.repeated((8, 8)))
     wave = np.array([[0.25, 0.5]])
     few = pm.waves(many, wave, count=6)
     fractions = (np.stack(np.meshgrid(np.arange(8), np.arange(8), indexing="ij"), axis=-1).reshape(-1, 2) + wave) / 8.0

@@ -59,6 +59,10 @@ def path(steps=20):
 # what is drawn, how often its curve has a name, and a word that its x axis has
 CURVES = {
     "density of states": (lambda: pm.density_of_states(jammed(), 8), "1/time"),
+    "numbers of modes": (lambda: pm.count_modes(jammed(), [0.5, 1.0, 2.0]), "1/time"),
+    "dispersion": (lambda: pm.dispersion(jammed(), [[0, 0], [0.5, 0], [0.5, 0.5]], points=8), "reciprocal lattice"),
+    "waves": (lambda: pm.waves(jammed(), [[0.1, 0.2], [0.3, 0.3]], count=4), "1/length"),
+    "sound": (lambda: pm.sound_speeds(jammed(), [1.0, 0.5]), "length/time"),
     "pair distribution": (lambda: pm.pair_distribution(jammed().packing, r_max=3.0, bins=30), "length"),
     "shell average": (lambda: shells(jammed().packing), "1/length"),
     "correlation": (lambda: correlation(jammed().packing), "length"),
@@ -121,6 +125,21 @@ def test_curves_with_labels_share_axes_in_two_colors_with_a_legend_and_without_t
     color = [one.get_edgecolor() if c[-1] == 0.0 else c for one, c in zip(shown, color, strict=True)]
     assert matplotlib.colors.to_hex(color[0]) != matplotlib.colors.to_hex(color[1])
     assert rendered(ax)
+
+
+def test_corners_of_a_path_are_named_as_fractions_and_speeds_lie_along_their_direction():
+    ax = pm.plot(pm.dispersion(jammed(), [[0, 0], [0.5, 0], [2 / 3, 1 / 3], [0.1234567, 0]], points=8, count=3))
+    assert [one.get_text() for one in ax.get_xticklabels()] == ["0", "(1/2, 0)", "(2/3, 1/3)", "(0.123, 0)"]
+    assert rendered(ax)
+    direction = np.array([0.6, -0.8])
+    sound = pm.sound_speeds(jammed(), direction)
+    ax = pm.plot(sound, label="jammed")
+    drawn = [one.get_xydata()[0] for one in ax.get_lines() if one.get_marker() in "ox"]
+    np.testing.assert_allclose(drawn, np.abs(sound.speed_m)[:, None] * direction, atol=1e-12)
+    pm.plot(pm.sound_speeds(jammed(), [1.0, 0.0]), ax, label="jammed")
+    assert ax.get_legend_handles_labels()[1] == ["jammed"] and rendered(ax)
+    uncertain = pm.count_modes(jammed(), pm.normal_modes(jammed(), 3).frequency_m)
+    assert not uncertain.certain_v.all() and rendered(pm.plot(uncertain))
 
 
 @pytest.mark.parametrize("kind", ["complex modulus", "amplitude sweep", "work and precision"])
