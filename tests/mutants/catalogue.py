@@ -977,7 +977,7 @@ CATALOGUE: list[Fault] = [
     *_faults(
         "packmech/mechanics/wave_matrices.py",
         ("copies move as the box does", "phase[:, None] * ends[1]", "ends[1]"),
-        ("copies lead on one side and lag on none", "(phase if b else phase.conj())", "phase"),
+        ("copies lead on one side and lag on none", "images.append((b - a) * image)", "images.append(b * image)"),
         ("images are those of the vectors", "np.rint((vector_cd - inside) @", "np.rint((vector_cd) @"),
         ("copies do not turn", "change[1, :, d + t :, d:] = turn_nkt[j].transpose(0, 2, 1)", "pass"),
     ),
