@@ -210,6 +210,8 @@ class BondGrid:
             self._grid.head_g[cell] = self._grid.next_l[len(self._cells)]
 
 
+# heights of the box that a link may be long where it is asked whether it crosses others
+_BOXES = 100
 # times that each chain moves by its own length, if it never turned around
 _LENGTHS = 10
 # share of the spacing of rows that a row may fill
@@ -711,6 +713,12 @@ def chain_packing(
             rng.bit_generator.state = state
         state = rng.bit_generator.state
         scaled = box_for(radius_n, packing_fraction, shape_dd, shared)
+        longest = _BOXES * float(scaled.reduced()[0].height_d.min())
+        if avoid and link_length > longest:
+            raise ValueError(
+                f"link_length must be at most {longest:.4g}, {_BOXES} heights of the box, where links are not to cross, "
+                f"got {link_length:g}"
+            )
         around = () if closing is None else tuple(np.einsum("de,e->d", scaled.lattice_dd, np.array(closing)).tolist())
         reach = math.sqrt(math.fsum(x * x for x in around))
         if reach >= beads * link_length:

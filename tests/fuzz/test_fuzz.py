@@ -77,6 +77,7 @@ FOUND = (
     ("stiffness_matrix", {"strain_scale": "1e+200"}),
     ("stiffness_matrix", {"strain_scale": "5e-324"}),
     ("cut_fragments", {"lines": "9223372036854775807"}),
+    ("chain_packing", {"link_length": "2147483648"}),
     ("tap", {"pressure": "1e+308"}),
     ("cyclic_shear", {"pressure": "9.223372036854776e+18"}),
     ("shear_jam", {"force_tolerance": "5e-324"}),

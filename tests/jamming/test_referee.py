@@ -329,6 +329,19 @@ def test_links_are_neither_stretched_nor_left_without_balance(tmp_path, written)
     assert not found and "stretches a link" in str(found)
 
 
+def test_a_particle_is_held_where_its_normals_are_in_no_closed_half_space():
+    for tilt, loose in ((0.01, False), (1e-12, True), (-0.01, True)):
+        angle = np.array([0.5 * np.pi, np.pi + tilt, -tilt])
+        flat = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        assert referee._is_loose(flat, 2) is loose
+        # a tripod, and one normal against its axis
+        angle = 2.0 * np.pi / 3.0 * np.arange(3)
+        legs = np.stack([np.cos(tilt) * np.cos(angle), np.cos(tilt) * np.sin(angle), np.full(3, -np.sin(tilt))], axis=1)
+        assert referee._is_loose(np.vstack([legs, [[0.0, 0.0, 1.0]]]), 3) is loose
+    for d in (2, 3):
+        assert all(referee._is_loose(np.eye(d)[:k], d) for k in range(d + 1))
+
+
 def test_one_particle_alone_is_not_jammed_for_free(tmp_path, written):
     held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
     held["backbone_n"] = np.arange(9) == 0

@@ -124,7 +124,8 @@ TESTS: dict[str, tuple[str, ...]] = {
             "a_particle_inside_of_another_is_refused_wherever_it_belongs "
             "a_jammed_crystal_is_not_unjammed_by_leaving_particles_out_of_its_backbone "
             "the_bound_on_singular_values_holds numbers_that_are_too_large_to_be_added_up_prove_nothing "
-            "discs_that_hold_nothing_are_taken_out_one_by_one",
+            "discs_that_hold_nothing_are_taken_out_one_by_one "
+            "a_particle_is_held_where_its_normals_are_in_no_closed_half_space",
         ),
         *_tests("jamming", "referee"),
     ),
@@ -917,7 +918,12 @@ CATALOGUE: list[Fault] = [
             "reach = 0 * np.floor(",
         ),
         ("all contacts nearly in a half space hold nothing", ">= -1e-8).all()", ">= -0.5).all()"),
-        ("d contacts hold a particle", "if len(normal_cd) <= d:", "if len(normal_cd) < d:"),
+        (
+            "d contacts hold a particle",
+            "if len(normal_cd) <= d:",
+            "if len(normal_cd) < d:",
+            "d normals always lie in a closed half space, which the next lines find",
+        ),
         (
             "strictly jammed need not be collectively so",
             'if proven["strict"] == JAMMED and proven["collective"] == NOT_JAMMED:',
@@ -971,7 +977,7 @@ CATALOGUE: list[Fault] = [
     *_faults(
         "packmech/mechanics/wave_matrices.py",
         ("copies move as the box does", "phase[:, None] * ends[1]", "ends[1]"),
-        ("copies lead on one side and lag on none", "(phase if b else phase.conj())", "phase"),
+        ("copies lead on one side and lag on none", "images.append((b - a) * image)", "images.append(b * image)"),
         ("images are those of the vectors", "np.rint((vector_cd - inside) @", "np.rint((vector_cd) @"),
         ("copies do not turn", "change[1, :, d + t :, d:] = turn_nkt[j].transpose(0, 2, 1)", "pass"),
     ),
