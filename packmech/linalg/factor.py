@@ -80,10 +80,16 @@ class Factorization:
     _solve: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     _analyzed: _Analyzed | None = None
     memory: int = 0
+    # solves by the factors alone, where `_solve` refines
+    _once: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+
+    def solve_once(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the factors alone make of checked right-hand sides, without refinement."""
+        return (self._once or self._solve)(right)
 
     def emptied(self) -> Factorization:
         """Return it without its factors: it solves nothing, and serves as `like` of another one."""
-        return replace(self, _solve=_spent)
+        return replace(self, _solve=_spent, _once=None)
 
     def solve(self, right: ArrayLike) -> NDArray[np.float64]:
         """Return x with A x = right, for one (n,) or several (n, k) right-hand sides.
@@ -533,4 +539,4 @@ def factor_saddle(
             answer = answer + once(left)
         return answer
 
-    return Factorization(size + count, inertia, 1.0, "saddle", solve)
+    return Factorization(size + count, inertia, 1.0, "saddle", solve, memory=_ENTRY_BYTES * int(factor.nnz), _once=once)

@@ -101,7 +101,7 @@ def judged(exact: sp.csr_array, factor: Factorization, number: int, largest: flo
     exact
         (n, n) the matrix whose inertia is asked for.
     factor
-        What was factored in its place.
+        What was factored in its place, or a symmetric matrix times one of determinant 1.
     number
         What its signs say.
     largest
@@ -114,7 +114,7 @@ def judged(exact: sp.csr_array, factor: Factorization, number: int, largest: flo
     for _ in range(_VECTORS):
         vector = rng.normal(size=factor.size)
         with np.errstate(all="ignore"):
-            spread = max(spread, _norm(factor.solve(exact @ vector) - vector))
+            spread = max(spread, _norm(factor.solve_once(exact @ vector) - vector))
     doubt = spread / _COMPONENT + (_ROUNDING * largest / distance if distance > 0.0 else np.inf)
     if factor.inertia.zero or not np.isfinite(doubt):
         doubt = np.inf

@@ -274,8 +274,14 @@ class LinkedOperator:
         except NotDefinite:
             raise NotDefinite(f"matrix - {bound:g} cannot be factored: the bound is an eigenvalue") from None
         found = judged(system.exact, factor, factor.inertia.negative - self.rows.shape[0], largest)
-        # where slack matters the order of elimination that needs none says the number, and the doubt stays
-        return found if found.certain else found._replace(number=self.below(bound))
+        if found.certain:
+            return found
+        try:
+            # where slack matters, an order of elimination that needs none
+            factor = factor_saddle(shifted, self.rows, self.dimension, stiffness=system.stiffness)
+        except NotDefinite:
+            return found
+        return judged(system.exact, factor, factor.inertia.negative - self.rows.shape[0], largest)
 
     def below(self, bound: float) -> int:
         """Return how many eigenvalues of P H P on the motions lie below the bound."""

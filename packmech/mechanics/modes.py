@@ -247,7 +247,7 @@ def normal_modes(
         else:
             low, high = (_End.at(vibrations, vibrations.level(one)) for one in window)
         wanted = max(high.below - low.below, 0)
-        method = _choose(method, operator.motions, wanted, count, window is not None)
+        method = _choose(method, operator.motions, moving, wanted, count, window is not None)
         if method == "dense":
             value, vector = _dense(
                 operator.matrix, vibrations.basis(), translation, largest, wanted, low.below if window else 0
@@ -330,11 +330,11 @@ def _window_of(between: Any, count: int | None) -> tuple[float, float]:
     return low, high
 
 
-def _choose(method: str, rows: int, wanted: int, count: int | None, windowed: bool) -> str:
+def _choose(method: str, rows: int, translations: int, wanted: int, count: int | None, windowed: bool) -> str:
     many = wanted > rows // 4 and rows <= _DENSE_LIMIT if windowed else count is None or wanted > rows // 4
     chosen = ("dense" if rows <= _DENSE_ROWS or many else "shift-invert") if method == "auto" else method
     # Lanczos needs room beyond the modes it finds
-    if chosen == "shift-invert" and (wanted >= rows - 1 or (windowed and rows <= 2 * _SLICE)):
+    if chosen == "shift-invert" and (wanted >= rows - max(translations, 1) or (windowed and rows <= 2 * _SLICE)):
         chosen = "dense"
     if chosen == "dense" and rows > _DENSE_LIMIT:
         if windowed:

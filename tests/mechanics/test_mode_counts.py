@@ -117,6 +117,18 @@ def test_links_walls_held_particles_and_turns_are_counted_as_modes_have_them(lin
         assert found.available == modes.available and found.negative == modes.negative
 
 
+@pytest.mark.parametrize("name", ["equilibrium_dimer_3d", "jammed_dimer_strain", "equilibrium_trimer_2d"])
+@pytest.mark.parametrize("strain", ["none", "free"])
+def test_slack_in_links_leaves_no_doubt_even_beside_modes_that_cost_nothing(linked, name, strain):
+    scene, _ = linked(name)
+    modes = pm.normal_modes(scene, strain=strain)
+    cut = np.append(0.0, 0.5 * (modes.frequency_m[1:] + modes.frequency_m[:-1]))
+    found = pm.count_modes(scene, cut, strain=strain)
+    apart = np.append(1.0, np.diff(modes.frequency_m)) > 1e-6
+    assert found.certain_v[apart].all() and found.count_v[0] == modes.negative
+    assert np.array_equal(found.count_v[1:][apart[1:]], below(modes.frequency_m, cut[1:])[apart[1:]])
+
+
 # -- windows -----------------------------------------------------------------------------------------------------------
 
 

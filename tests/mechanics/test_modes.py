@@ -148,6 +148,12 @@ def test_a_packing_with_fewer_modes_gives_those_it_has():
     assert len(strained) == 3 and (strained.participation_m == 0.0).all()
 
 
+def test_all_modes_asked_for_by_their_number_are_all_whatever_the_method():
+    scene = crystal_scene("triangular", (3, 3))
+    few, every = pm.normal_modes(scene, 16, method="shift-invert"), pm.normal_modes(scene)
+    assert few.complete and np.array_equal(few.eigenvalue_m, every.eigenvalue_m)
+
+
 def test_a_packing_without_contacts_has_no_backbone_to_vibrate():
     packing = pm.Packing([[0.0, 0.0], [1.0, 1.0]], [0.1, 0.1], pm.Box.cubic(2.0, 2))
     scene = pm.Scene(packing, (pm.Repulsion(),))
