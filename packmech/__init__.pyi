@@ -247,6 +247,8 @@ from packmech.mechanics.self_stress import states_of_self_stress as states_of_se
 from packmech.mechanics.self_stress import SelfStress as SelfStress
 from packmech.mechanics.self_stress import floppy_modes as floppy_modes
 from packmech.mechanics.self_stress import FloppyModes as FloppyModes
+from packmech.mechanics.rigid_clusters import rigid_clusters as rigid_clusters
+from packmech.mechanics.rigid_clusters import RigidClusters as RigidClusters
 
 # links
 from packmech.links import Links as Links

@@ -1,17 +1,17 @@
 """The pebble game: generic counting of what is rigid in the plane, in a periodic box of fixed shape.
 
-Each of n particles has k pebbles, its motions: two for a point, three for a disc that turns. A bar takes one motion
-away, and is independent of the bars before it where every set of bars obeys
+Each particle has pebbles, its motions: two for a point, three for a disc that turns. A bar takes one motion away, and is
+independent of the bars before it where every set of bars obeys
 
-    bars <= k n - 3      if it does not wind around the box
-    bars <= k n - 2      if it does: it cannot turn
+    bars <= pebbles of its particles - 3      if it does not wind around the box
+    bars <= pebbles of its particles - 2      if it does: it cannot turn
 
-(Jacobs and Hendrickson, J. Comput. Phys. 137, 346 (1997) for k = 2; Henkes, Quint, Fily and Schwarz, Phys. Rev. Lett.
-116, 028301 (2016) for k = 3, where a contact that sticks is two bars and one that slides is one; Ross, Discrete Comput.
+(Jacobs and Hendrickson, J. Comput. Phys. 137, 346 (1997) for points; Henkes, Quint, Fily and Schwarz, Phys. Rev. Lett.
+116, 028301 (2016) for discs, where a contact that sticks is two bars and one that slides is one; Ross, Discrete Comput.
 Geom. 54, 79 (2015) for boxes). Counting knows no lengths: it answers for places in no special position.
 
-An independent bar is held by one of its particles, in place of a pebble, so that each particle has k places. A set that
-no bar leaves, with p pebbles on it, has k n - p bars.
+An independent bar is held by one of its particles, in place of a pebble. A set that no bar leaves has as many bars as
+its particles have places, less the pebbles that lie on it.
 """
 
 from __future__ import annotations
@@ -203,42 +203,42 @@ def _mark(bar, queue, count, inside, stamp, target, stressed):  # type: ignore[n
 
 
 @device
-def _condense(target, gain, bar, queue, count, balanced, up, step, one, other):  # type: ignore[no-untyped-def]
+def _condense(target, gain, bar, queue, count, balanced, turns_n, up, step, one, other):  # type: ignore[no-untyped-def]
     """Let all of a rigid set that no bar leaves be held by two of it, so that later ways through it are short."""
     u, v = queue[0], queue[1]
-    k, d = target.shape[1], gain.shape[2]
-    _top(u, up, step, one)
-    for q in range(1, count):
+    d = gain.shape[2]
+    # between the two as many bars as make them rigid, one more around the box where the set winds
+    between = turns_n[u] + turns_n[v] + (1 if balanced else 2)
+    for q in range(count):
         n = queue[q]
-        _top(n, up, step, other)
-        for s in range(k):
-            to = v if s == k - 1 and q > 1 else u
+        for s in range(2 + turns_n[n]):
+            to = u
+            if q == 0 or q == 1:
+                held = between if q == 1 else between - 2 - turns_n[v]
+                to = -1 if s >= held else (v if q == 0 else u)
+            elif s == 1:
+                to = v
             target[n, s], bar[n, s] = to, -1
-            for a in range(d):
-                gain[n, s, a] = one[a] - other[a]
-        if q > 1:
-            _top(v, up, step, one)
-            for a in range(d):
-                gain[n, k - 1, a] = one[a] - other[a]
-            _top(u, up, step, one)
-    for s in range(k):
-        target[u, s], bar[u, s] = -1, -1
-    # two have 2 k - 3 bars between them, and one more, around the box, where the set winds
-    if k == 2:
-        target[v, 1] = -1
+            if to >= 0:
+                _top(n, up, step, one)
+                _top(to, up, step, other)
+                for a in range(d):
+                    gain[n, s, a] = other[a] - one[a]
     if not balanced:
-        at, slot = (v, 1) if k == 2 else (u, 0)
-        target[at, slot] = u if k == 2 else v
-        for a in range(d):
-            gain[at, slot, a] = gain[v, 0, a] if k == 2 else -gain[v, 0, a]
-        gain[at, slot, 0] += 1
+        # any image but that of the others winds
+        gain[v, 0, 0] += 1
 
 
 @kernel
-def _play(i_b, j_b, image_bd, k, particles, marks):  # type: ignore[no-untyped-def]
+def _play(i_b, j_b, image_bd, turns_n, k, marks):  # type: ignore[no-untyped-def]
     """Return the bars as they are held, which are independent, and which carry stress."""
     bars, d = image_bd.shape
+    particles = turns_n.shape[0]
     target, bar = np.full((particles, k), -1, np.int64), np.full((particles, k), -1, np.int64)
+    for n in range(particles):
+        if k == 3 and turns_n[n] == 0:
+            # a place that is never free
+            target[n, 2] = n
     gain = np.zeros((particles, k, d), np.int64)
     seen, stamp = np.zeros(particles, np.int64), 0
     queue, parent, place = np.empty(particles, np.int64), np.empty(particles, np.int64), np.empty(particles, np.int64)
@@ -251,7 +251,7 @@ def _play(i_b, j_b, image_bd, k, particles, marks):  # type: ignore[no-untyped-d
         winds = False
         for a in range(d):
             winds |= image_bd[b, a] != 0
-        if u == v and (k == 2 or not winds):
+        if u == v and (turns_n[u] == 0 or not winds):
             # an own image moves along
             stressed[b] = True
             continue
@@ -264,7 +264,7 @@ def _play(i_b, j_b, image_bd, k, particles, marks):  # type: ignore[no-untyped-d
             if balanced:
                 stressed[b] = True
                 _mark(bar, queue, count, seen, stamp, target, stressed)
-                _condense(target, gain, bar, queue, count, True, up, step, one, other)
+                _condense(target, gain, bar, queue, count, True, turns_n, up, step, one, other)
             _forget(queue, count, up)
         if found >= 3 and not balanced:
             independent[b] = True
@@ -300,13 +300,13 @@ def _play(i_b, j_b, image_bd, k, particles, marks):  # type: ignore[no-untyped-d
             _mark(bar, queue, count, seen, stamp, target, stressed)
             if count > 1:
                 _is_balanced(target, gain, queue, count, u, v, image_bd[b], up, step, size, one, other)
-                _condense(target, gain, bar, queue, count, False, up, step, one, other)
+                _condense(target, gain, bar, queue, count, False, turns_n, up, step, one, other)
                 _forget(queue, count, up)
     return target, gain, bar, independent, stressed
 
 
 @kernel
-def _label(target, gain, bar, i_b, j_b, image_bd, start, neighbor):  # type: ignore[no-untyped-def]
+def _label(target, gain, bar, i_b, j_b, image_bd, turns_n, start, neighbor):  # type: ignore[no-untyped-def]
     """Return the rigid cluster of each bar, of each particle where particles turn, and how many clusters there are.
 
     start and neighbor are the bars of each particle. From what holds all pebbles that it can, clusters grow by
@@ -324,10 +324,25 @@ def _label(target, gain, bar, i_b, j_b, image_bd, start, neighbor):  # type: ign
     members = np.empty(particles, np.int64)
     cluster_b, cluster_n = np.full(bars, -1, np.int64), np.full(particles, -1, np.int64)
     clusters = 0
-    for seed in range(bars if k == 2 else particles):
-        u, v = (i_b[seed], j_b[seed]) if k == 2 else (seed, seed)
-        if (cluster_b[seed] if k == 2 else cluster_n[seed]) >= 0 or (k == 2 and u == v):
-            continue
+    for seed in range(particles + bars):
+        # what turns is rigid by itself; then bars that end at a point
+        alone = seed < particles
+        if alone:
+            if turns_n[seed] == 0 or cluster_n[seed] >= 0:
+                continue
+            u = v = seed
+        else:
+            u, v = i_b[seed - particles], j_b[seed - particles]
+            if cluster_b[seed - particles] >= 0 or (turns_n[u] > 0 and turns_n[v] > 0):
+                continue
+            if u == v or turns_n[u] + turns_n[v] > 0:
+                # an own image cannot turn; what turns against its bar has no part in its cluster
+                for c in range(start[u], start[u + 1]):
+                    b = neighbor[c]
+                    if b == seed - particles or (u == v and i_b[b] == j_b[b]):
+                        cluster_b[b] = clusters
+                clusters += 1
+                continue
         found, stamp = _gather(target, gain, bar, u, v, 3, seen, stamp, queue, parent, place)
         turns = found == 3
         rigid[u], members[0] = clusters, u
@@ -336,7 +351,7 @@ def _label(target, gain, bar, i_b, j_b, image_bd, start, neighbor):  # type: ign
         if v != u:
             rigid[v], members[1] = clusters, v
             for a in range(d):
-                image_nd[v, a] = image_bd[seed, a]
+                image_nd[v, a] = image_bd[seed - particles, a]
             count = 2
         m = 0
         while m < count:
@@ -393,8 +408,8 @@ def _label(target, gain, bar, i_b, j_b, image_bd, start, neighbor):  # type: ign
                     rigid[queue[q]] = clusters
                     members[count] = queue[q]
                     count += 1
-        if count == 1:
-            # a body alone is no cluster; none is counted
+        if count == 1 and alone:
+            # a body alone is no cluster
             rigid[u] = -1
             for q in range(start[u], start[u + 1]):
                 b = neighbor[q]
@@ -402,23 +417,18 @@ def _label(target, gain, bar, i_b, j_b, image_bd, start, neighbor):  # type: ign
             continue
         for m in range(count):
             n = members[m]
-            if k == 3:
+            if turns_n[n] > 0:
                 cluster_n[n] = clusters
             for c in range(start[n], start[n + 1]):
                 b = neighbor[c]
-                if rigid[i_b[b]] == clusters and rigid[j_b[b]] == clusters:
+                if rigid[i_b[b]] == clusters and rigid[j_b[b]] == clusters and (i_b[b] != j_b[b] or not turns):
                     cluster_b[b] = clusters
         clusters += 1
     return cluster_b, cluster_n, clusters
 
 
 def play_pebble_game(
-    i_b: NDArray[np.int64],
-    j_b: NDArray[np.int64],
-    image_bd: NDArray[np.int64],
-    particles: int,
-    *,
-    turning: bool = False,
+    i_b: NDArray[np.int64], j_b: NDArray[np.int64], image_bd: NDArray[np.int64], turns_n: NDArray[np.bool_]
 ) -> Counted:
     """Return what is rigid by counting, of bars in the plane.
 
@@ -426,25 +436,25 @@ def play_pebble_game(
     ----------
     i_b, j_b, image_bd
         (B,), (B,), (B, 2) the particles that each bar joins, and the image of the second against the first.
-    particles
-        Number of particles.
-    turning
-        Whether they turn: three motions each, clusters are of particles, and a contact that sticks is two bars.
+    turns_n
+        (N,) particles that turn: three motions, and one cluster at most; a contact that sticks is two bars.
 
     Examples
     --------
     >>> i, j = np.array([0, 0, 1, 1, 2]), np.array([1, 2, 2, 3, 3])
-    >>> play_pebble_game(i, j, np.zeros((5, 2), dtype=np.int64), 4).cluster_b.tolist()
+    >>> points = np.zeros(4, dtype=bool)
+    >>> play_pebble_game(i, j, np.zeros((5, 2), dtype=np.int64), points).cluster_b.tolist()
     [0, 0, 0, 0, 0]
-    >>> play_pebble_game(i[:4], j[:4], np.zeros((4, 2), dtype=np.int64), 4).cluster_b.tolist()
+    >>> play_pebble_game(i[:4], j[:4], np.zeros((4, 2), dtype=np.int64), points).cluster_b.tolist()
     [0, 0, 0, 1]
 
     """
     i, j, image = (np.ascontiguousarray(one, dtype=np.int64) for one in (i_b, j_b, image_bd))
-    target, gain, bar, independent, stressed = _play(i, j, image, 3 if turning else 2, particles, True)
+    turns = np.ascontiguousarray(turns_n, dtype=np.int64)
+    target, gain, bar, independent, stressed = _play(i, j, image, turns, 2 + int(turns.max(initial=0)), True)
     ends = np.concatenate([i, j])
     order = np.argsort(ends, kind="stable")
-    start = np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=particles))])
+    start = np.concatenate([[0], np.cumsum(np.bincount(ends, minlength=len(turns)))])
     both = np.tile(np.arange(len(i)), 2)[order]
-    cluster_b, cluster_n, clusters = _label(target, gain, bar, i, j, image, start, both)
+    cluster_b, cluster_n, clusters = _label(target, gain, bar, i, j, image, turns, start, both)
     return Counted(independent, stressed, cluster_b, cluster_n, int(clusters))

@@ -11,6 +11,7 @@ that no two which touch are one: they turn at different rates.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -54,7 +55,10 @@ _MOTIONS, _FORCES = 3, 2
 # rates of turning, and forces, of random vectors of components of size 1 that count as zero [1]
 TOLERANCE = 1e-9
 # sweeps that take away what is no null vector, and what rounding leaves of it
-_SWEEPS, _ROUNDING = 40, 3e-15
+_SWEEPS, _ROUNDING = 12, 3e-15
+# conjugate gradients begin where more than this is left, and end after so many steps, when little of what they began
+# with is left, or when steps are as long as no motion is soft
+_SOFT, _STEPS, _REDUCED, _LONGEST = 1e-12, 60, 1e-8, 1e6
 # corners flatter than this do not turn as a whole [rad]
 _FLAT = 1e-3
 _INVERSIONS = 6
@@ -509,16 +513,51 @@ def _null_vectors(
     square = sp.csc_array(turned @ rows)
     if not rows.nnz:
         return motion, force, square, 0.0
-    solve, error = _shifted(square, tolerance).solve, np.inf
+    solve = _shifted(square, tolerance).solve
     for _ in range(_SWEEPS):
         changed, pushed = rows @ motion, turned @ force
         error = max(float(np.abs(changed).max()), float(np.abs(pushed).max()))
         if error <= _ROUNDING:
-            break
+            return motion, force, square, error
         step = solve(np.hstack([turned @ changed, pushed]))
         motion -= step[:, :_MOTIONS]
         force -= rows @ step[:, _MOTIONS:]
+    # what is left is soft: some few motions, of which each step takes one away
+    if error > _SOFT:
+        step, left = _least_squares(rows, turned, solve, np.hstack([rows @ motion, force]))
+        motion, force = motion - step[:, :_MOTIONS], left[:, _MOTIONS:]
+    error = max(float(np.abs(rows @ motion).max()), float(np.abs(turned @ force).max()))
     return motion, force, square, error
+
+
+def _least_squares(
+    rows: sp.csr_array,
+    turned: sp.csr_array,
+    solve: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    right_rk: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return x with the smallest |right - rows x|, and right - rows x, by preconditioned conjugate gradients."""
+    x, left = np.zeros((rows.shape[1], right_rk.shape[1])), right_rk.copy()
+    slope = turned @ left
+    ahead = solve(slope)
+    along, size = ahead.copy(), (slope * ahead).sum(axis=0)
+    active, least = size > 0.0, _REDUCED**2 * size
+    for _ in range(_STEPS):
+        change = rows @ along
+        cost = (change**2).sum(axis=0)
+        # a direction that changes nothing is rounding
+        active &= (size > least) & (_LONGEST * cost > size)
+        if not active.any():
+            break
+        step = np.where(active, size / np.where(active, cost, 1.0), 0.0)
+        x += step * along
+        left -= step * change
+        slope = turned @ left
+        ahead = solve(slope)
+        now = (slope * ahead).sum(axis=0)
+        along = ahead + np.where(active, now / np.where(active, size, 1.0), 0.0) * along
+        size = now
+    return x, left
 
 
 # -- clusters of what turns at one rate ---------------------------------------------------------------------------------
@@ -744,7 +783,8 @@ def _numbered(joints: Joints, parts: _Parts, label_p: NDArray[np.int64], is_bar:
     n, count = joints.particles, len(parts.rate_px)
     number = _body_numbers(joints, count)
     cluster, joint = label_p[parts.owner_o], parts.joint_o
-    body = np.where(number >= 0, label_p[np.maximum(number, 0)], -1)
+    body = np.full(n, -1, dtype=np.int64)
+    body[number >= 0] = label_p[number[number >= 0]]
     one, other = body[joints.i_e], body[joints.j_e]
     both = np.flatnonzero((one >= 0) & (one == other))
     cluster, joint = np.concatenate([cluster, one[both]]), np.concatenate([joint, both])
@@ -762,7 +802,10 @@ def _numbered(joints: Joints, parts: _Parts, label_p: NDArray[np.int64], is_bar:
         clusters += len(bars)
     pair = np.unique(part * n + particle)
     part, particle = pair // n, pair % n
-    size, used = np.bincount(part, minlength=clusters), np.bincount(cluster, minlength=clusters)
+    size = np.bincount(part, minlength=clusters)
+    # a body that its own images touch is alone
+    counts = (joints.i_e != joints.j_e) | (body[joints.i_e] < 0)
+    used = np.bincount(cluster[counts[joint]], minlength=clusters)
     order = np.argsort(-size, kind="stable")
     order = order[used[order] > 0]
     rank = np.full(clusters, -1, dtype=np.int64)
@@ -771,12 +814,14 @@ def _numbered(joints: Joints, parts: _Parts, label_p: NDArray[np.int64], is_bar:
     sort = np.lexsort((particle[kept], rank[part[kept]]))
     member, owner = particle[kept][sort], rank[part[kept]][sort]
     start = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=len(order)))])
-    belong = np.unique(rank[cluster] * max(len(joints.i_e), 1) + joint)
+    cluster, joint = rank[cluster][rank[cluster] >= 0], joint[rank[cluster] >= 0]
+    belong = np.unique(cluster * max(len(joints.i_e), 1) + joint)
     cluster, joint = belong // max(len(joints.i_e), 1), belong % max(len(joints.i_e), 1)
     cluster_e = np.full(len(joints.i_e), -1, dtype=np.int64)
     # the first is the largest
     cluster_e[joint[::-1]] = cluster[::-1]
-    whole = np.where(body >= 0, rank[np.maximum(body, 0)], -1) if clusters else np.full(n, -1)
+    whole = np.full(n, -1, dtype=np.int64)
+    whole[body >= 0] = rank[body[body >= 0]]
     return _Clusters(cluster_e, start, member, whole[member] == owner, cluster, joint)
 
 
@@ -829,7 +874,7 @@ def _own_ranks(joints: Joints, clusters: _Clusters, tolerance: float, bound: flo
     if square.nnz:
         value = _softest(square, rigid[kept], block[kept], count, tolerance)
         several = ~single & (rigid_rank > 0)
-        smallest[several] = np.sqrt(value[several] / bound)
+        smallest[several] = np.sqrt(np.maximum(value[several], 0.0) / bound)
         zeros = eigenvalues_below(square, tolerance**2 * bound)
         soft = several & ~(smallest > tolerance)
         missing = zeros - int(free_k[~single].sum())
@@ -940,44 +985,35 @@ def _counted(joints: Joints) -> _Found:
         raise ValueError(
             f"method must be 'null space' where particles are held, got 'pebble game' with {int(joints.held_n.sum())} held"
         )
-    turning = bool(joints.turn_nkt.shape[1])
-    bar = np.repeat(np.arange(len(joints.i_e)), joints.bars_e)
-    found = play_pebble_game(
-        joints.i_e[bar], joints.j_e[bar], joints.image_ed[bar], joints.particles, turning=turning
-    )
-    stressed = np.zeros(len(joints.i_e), dtype=bool)
-    stressed[bar[found.stressed_b]] = True
-    first = np.concatenate([[0], np.cumsum(joints.bars_e)])[:-1]
-    label = found.cluster_b[first] if len(bar) else np.zeros(0, dtype=np.int64)
-    n = joints.particles
+    n, count = joints.particles, len(joints.i_e)
+    bar = np.repeat(np.arange(count), joints.bars_e)
+    played = play_pebble_game(joints.i_e[bar], joints.j_e[bar], joints.image_ed[bar], joints.body_n)
+    stressed = np.zeros(count, dtype=bool)
+    stressed[bar[played.stressed_b]] = True
+    label = np.full(count, -1, dtype=np.int64)
+    label[bar] = played.cluster_b
     inside = np.flatnonzero(label >= 0)
-    ends = np.concatenate([joints.i_e[inside], joints.j_e[inside]])
-    owner = np.tile(label[inside], 2)
-    if turning:
-        there = np.flatnonzero(found.cluster_n >= 0)
-        ends, owner = np.concatenate([ends, there]), np.concatenate([owner, found.cluster_n[there]])
-    pair = np.unique(owner * n + ends)
-    size = np.bincount(pair // n, minlength=found.clusters)
-    rank_k = np.zeros(found.clusters, dtype=np.int64)
-    order = np.argsort(-size, kind="stable")
-    rank_k[order] = np.arange(found.clusters)
-    label = np.where(label >= 0, rank_k[np.maximum(label, 0)], -1) if found.clusters else label
-    owner, member = rank_k[pair // n], pair % n
-    sort = np.lexsort((member, owner))
-    owner, member = owner[sort], member[sort]
-    start = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=found.clusters))])
-    inside = np.flatnonzero(label >= 0)
-    key = owner * n + member
+    body = np.flatnonzero(played.cluster_n >= 0)
+    owner = np.concatenate([np.tile(label[inside], 2), played.cluster_n[body]])
+    pair = np.unique(owner * n + np.concatenate([joints.i_e[inside], joints.j_e[inside], body]))
+    order = np.argsort(-np.bincount(pair // n, minlength=played.clusters), kind="stable")
+    rank_k = np.zeros(played.clusters, dtype=np.int64)
+    rank_k[order] = np.arange(played.clusters)
+    label[inside] = rank_k[label[inside]]
+    key = np.sort(rank_k[pair // n] * n + pair % n)
+    owner, member = key // n, key % n
+    start = np.concatenate([[0], np.cumsum(np.bincount(owner, minlength=played.clusters))])
     i, j = (np.searchsorted(key, label[inside] * n + one[inside]) for one in (joints.i_e, joints.j_e))
     image = joints.image_ed[inside]
     offset = tree_offsets(i, j, image, len(key))
-    winding = np.zeros((found.clusters, 2), dtype=bool)
+    winding = np.zeros((played.clusters, 2), dtype=bool)
     np.logical_or.at(winding, label[inside], image + offset[i] - offset[j] != 0)
-    each = 3 if turning else 2
-    rigid = each * np.diff(start) - np.where(winding.any(axis=1), 2, 3)
-    rank = int(found.independent_b.sum())
-    nan = float("nan")
+    turns = np.zeros(n, dtype=np.int64)
+    turns[body] = rank_k[played.cluster_n[body]] + 1
+    pebbles = np.bincount(owner, 2 + (turns[member] == owner + 1), played.clusters).astype(np.int64)
+    rigid = pebbles - np.where(winding.any(axis=1), 2, 3)
+    rank, nan = int(played.independent_b.sum()), float("nan")
     return _Found(
-        label, start, member, stressed, winding, rigid, rigid, np.full(found.clusters, nan), rank, len(bar),
-        each * n - rank - 2, nan, nan, nan, nan, nan, True,
+        label, start, member, stressed, winding, rigid, rigid, np.full(played.clusters, nan), rank, len(bar),
+        2 * n + int(joints.body_n.sum()) - rank - 2, nan, nan, nan, nan, nan, True,
     )  # fmt: skip
