@@ -436,6 +436,7 @@ from packmech.jit.compiled import kernel as kernel
 #: mixed_control, uniaxial_stress -> deform, deform_at_rate
 #: force_network, overlaps, normal_forces -> contact_forces
 #: rattlers -> find_rattlers
+#: pebble_game, rigidity_percolation, over_constrained -> rigid_clusters
 #: polymer, polymers, chains, beads_on_a_chain -> chain_packing, Links, bead_packing
 #: adhesion, pull_off, sticking -> JKR, DMT, ShortRangeAttraction
 #: effective_radius, curvature, hertz_mindlin, unequal_spheres -> ElasticSpheres, Hertz, Partners, Material

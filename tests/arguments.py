@@ -35,7 +35,7 @@ RESULTS = {
     "ShearFamilies", "ShellAverage", "SpectrumFit",
     "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
     "particle_shear",
-    "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
+    "RigidClusters", "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
 }  # fmt: skip
 
 MINIMIZERS = {

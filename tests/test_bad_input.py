@@ -565,6 +565,7 @@ BAD = {
     "dispersion.path": [[0.1, 0.2], [[0.1, 0.2]], [[0.0, 0.0], [0.1, INF]], "p", None],
     "dispersion.points": [*COUNT, None],
     "sound_speeds.direction": [[0.0, 0.0], [1.0], [1.0, NAN], "x", None],
+    "record_packing.clusters": [3, "clusters", touching()],
     "write_certificate.verdict": [3, "verdict", None, touching()],
     "tiled": [(0, 1), (2,), (1, 99), 3, "yes", None],
     "strain_dd": [np.eye(3), [[0.0, 1.0], [0.0, 0.0]], np.full((2, 2), INF), "e"],

@@ -61,7 +61,7 @@ _SWEEPS, _ROUNDING = 12, 3e-15
 _SOFT, _STEPS, _REDUCED, _LONGEST = 1e-12, 60, 1e-8, 1e6
 # corners flatter than this do not turn as a whole [rad]
 _FLAT = 1e-3
-_INVERSIONS = 6
+_INVERSIONS = 12
 # part of the tolerance for singular values that regularizes, and smallest square of it that rounding allows
 _SHIFT, _SMALLEST_SHIFT = 3e-3, 1e-15
 # clusters of so many coordinates are looked at by singular values
@@ -609,8 +609,8 @@ def _of_motions(joints: Joints, rank_tolerance: float, tolerance: float) -> _Fou
     np.maximum.at(stress, joints.joint_r, np.abs(force).max(axis=1))
     stressed = stress > tolerance
     counts = [
-        square.shape[0] - (eigenvalues_below(square, (one * rank_tolerance) ** 2 * _bound(square)) if square.nnz else
-        square.shape[0])
+        square.shape[0]
+        - (eigenvalues_below(square, (one * rank_tolerance) ** 2 * _bound(square)) if square.nnz else square.shape[0])
         for one in (1.0, 0.1, 10.0)
     ]
     own = _own_ranks(joints, clusters, rank_tolerance, _bound(square))
@@ -882,8 +882,10 @@ def _own_ranks(joints: Joints, clusters: _Clusters, tolerance: float, bound: flo
         for k in np.flatnonzero(soft):
             own = np.flatnonzero(block[kept] == k)
             found = np.linalg.svd(rows[:, own].toarray(), compute_uv=False) if len(own) <= _DENSE else np.zeros(0)
-            own_rank[k] = np.count_nonzero(found > tolerance * np.sqrt(bound)) if len(own) <= _DENSE else (
-                len(own) - eigenvalues_below(square[own][:, own], tolerance**2 * bound)
+            own_rank[k] = (
+                np.count_nonzero(found > tolerance * np.sqrt(bound))
+                if len(own) <= _DENSE
+                else (len(own) - eigenvalues_below(square[own][:, own], tolerance**2 * bound))
             )
         if soft.any():
             certain = missing == int((rigid_rank - own_rank).sum())
