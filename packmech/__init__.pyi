@@ -251,6 +251,8 @@ from packmech.mechanics.self_stress import states_of_self_stress as states_of_se
 from packmech.mechanics.self_stress import SelfStress as SelfStress
 from packmech.mechanics.self_stress import floppy_modes as floppy_modes
 from packmech.mechanics.self_stress import FloppyModes as FloppyModes
+from packmech.mechanics.rigid_clusters import rigid_clusters as rigid_clusters
+from packmech.mechanics.rigid_clusters import RigidClusters as RigidClusters
 
 # links
 from packmech.links import Links as Links
@@ -439,6 +441,7 @@ from packmech.jit.compiled import kernel as kernel
 #: mixed_control, uniaxial_stress -> deform, deform_at_rate
 #: force_network, overlaps, normal_forces -> contact_forces
 #: rattlers -> find_rattlers
+#: pebble_game, rigidity_percolation, over_constrained -> rigid_clusters
 #: polymer, polymers, chains, beads_on_a_chain -> chain_packing, Links, bead_packing
 #: adhesion, pull_off, sticking -> JKR, DMT, ShortRangeAttraction
 #: effective_radius, curvature, hertz_mindlin, unequal_spheres -> ElasticSpheres, Hertz, Partners, Material

@@ -356,13 +356,19 @@ def image_offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDAr
     return found
 
 
-def _offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    count = len(links)
-    end = np.concatenate([links.i_l, links.j_l])
+def tree_offsets(
+    i_l: NDArray[np.int64], j_l: NDArray[np.int64], image_ld: NDArray[np.int64], particles: int
+) -> NDArray[np.int64]:
+    """Return (N, d) integer vectors that unwrap what pairs join into pieces, along a spanning tree of each piece."""
+    end = np.concatenate([i_l, j_l])
     # entries of a particle in the order of the links, so that the tree is the same as one walked link by link
-    entry = np.lexsort((np.tile(np.arange(count), 2), end))
+    entry = np.lexsort((np.tile(np.arange(len(i_l)), 2), end))
     start = np.concatenate([[0], np.cumsum(np.bincount(end, minlength=particles))])
-    offset = _walk(start, entry, links.i_l, links.j_l, links.image_ld)
+    return np.asarray(_walk(start, entry, i_l, j_l, image_ld))
+
+
+def _offsets(links: Links, particles: int) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    offset = tree_offsets(links.i_l, links.j_l, links.image_ld, particles)
     ring = (links.image_ld + offset[links.i_l] - offset[links.j_l]).any(axis=1)
     cluster = links.clusters(particles)
     winding = np.zeros(particles, dtype=bool)

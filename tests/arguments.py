@@ -36,7 +36,7 @@ RESULTS = {
     "ShearFamilies", "ShellAverage", "SpectrumFit",
     "CoarseFields", "Displacements", "LocalStrain", "MeanSquareDisplacement", "SelfScattering",
     "particle_shear",
-    "Export", "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
+    "Export", "RigidClusters", "SoundSpeeds", "TiledAnswer", "Verification", "Waves",
 }  # fmt: skip
 
 MINIMIZERS = {

@@ -569,6 +569,7 @@ BAD = {
     "dispersion.path": [[0.1, 0.2], [[0.1, 0.2]], [[0.0, 0.0], [0.1, INF]], "p", None],
     "dispersion.points": [*COUNT, None],
     "sound_speeds.direction": [[0.0, 0.0], [1.0], [1.0, NAN], "x", None],
+    "record_packing.clusters": [3, "clusters", touching()],
     "write_certificate.verdict": [3, "verdict", None, touching()],
     "export_scene.to": ["hoomd", "", 3, None],
     "export_scene.folder": ["", 3, None, "a\0b"],

@@ -19,7 +19,7 @@ HONOR = {
     "hessian", "dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states", "count_modes",
     "elastic_moduli", "complex_modulus", "states_of_self_stress", "floppy_modes", "quartic_modes",
     "simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "equilibrate", "amplitude_sweep",
-    "bead_packing", "classify_jamming", "waves", "dispersion", "sound_speeds",
+    "bead_packing", "classify_jamming", "rigid_clusters", "waves", "dispersion", "sound_speeds",
     "shear_families", "quasistatic_shear", "deform", "deform_at_rate", "cyclic_shear", "tap",
     "anneal_shape", "bond_orientational_order", "contact_statistics", "correlation_function", "find_neighbors",
     "contact_dissipation",

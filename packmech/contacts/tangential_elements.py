@@ -76,10 +76,8 @@ def tangential_elements(
     point, point_slope = pairs.points(radius_n), pairs.point_slopes(radius_n)
     other, other_slope = pairs.vector_cd - point, -point_slope
     other_slope[:, :, :d] += np.eye(d)
-    carry = np.concatenate(
-        [np.broadcast_to(np.eye(d), (len(n), d, d)), -turned_arms(point), -turned_arms(other)], axis=2
-    )
-    slip = carry - n[:, :, None] * np.einsum("ca,cax->cx", n, carry)[:, None]
+    carry = _carry(point, other)
+    slip = _across(n, carry)
     size = np.sqrt((tangential_cd**2).sum(axis=1))
     ahead = tangential_cd / np.where(size > 0.0, size, 1.0)[:, None]
     along = np.zeros_like(ahead) if sliding_c is None else np.where(sliding_c[:, None], ahead, 0.0)
@@ -109,6 +107,33 @@ def tangential_elements(
     slopes = push[:, None] * slope + np.einsum("ca,cax->cx", pull, carry)
     beyond = spring * np.einsum("ca,cax->cx", ahead, slip) - limit
     return Elements(pairs.i_c, pairs.j_c, pairs.vector_cd, slopes, whole, symmetric=False), beyond
+
+
+def _carry(point_cd: NDArray[np.float64], other_cd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (C, d, X) how a point's side on j moves against that on i; arms are from the centers of i and j."""
+    d = point_cd.shape[1]
+    fixed = np.broadcast_to(np.eye(d), (len(point_cd), d, d))
+    return np.concatenate([fixed, -turned_arms(point_cd), -turned_arms(other_cd)], axis=2)
+
+
+def _across(normal_cd: NDArray[np.float64], slope_cdx: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the part across the normal."""
+    return np.asarray(slope_cdx - normal_cd[:, :, None] * np.einsum("ca,cax->cx", normal_cd, slope_cdx)[:, None])
+
+
+def slip_slopes(pairs: PairGeometry, radius_n: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (C, d, X) derivatives of the slip at contacts by the pairs' coordinates, X = d + 2 t.
+
+    Parameters
+    ----------
+    pairs
+        The pairs.
+    radius_n
+        (N,) radii of the particles [length].
+
+    """
+    point = pairs.points(radius_n)
+    return _across(pairs.normal_cd, _carry(point, pairs.vector_cd - point))
 
 
 def _with_rotations(array: NDArray[np.float64], t: int, axes: int | None = None) -> NDArray[np.float64]:

@@ -105,6 +105,11 @@ class ContactForces:
         """The (C,) normal forces that Coulomb's limit is made of, with what cohesion adds [force]."""
         return under_cap(self.scene.effects, self.normal_c, self.contacts)
 
+    @property
+    def coefficient_c(self) -> NDArray[np.float64]:
+        """The (C,) Coulomb's coefficients, 0 without friction [1]."""
+        return np.array(np.broadcast_to(_coefficients(self.scene, self.contacts), len(self.contacts)), dtype=float)
+
     @functools.cached_property
     def limit(self) -> CoulombLimit:
         """Which contacts are at the Coulomb limit, which are doubtful, and the bound between (`find_at_limit`)."""

@@ -124,6 +124,15 @@ class FrictionalNetwork(NamedTuple):
         return self.at_limit_sc & (contacts_at_limit == "slip")
 
 
+def springs_at_limit(found: ContactForces) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the (3, C) springs at their limits: of friction, rolling, twisting; and (C,) where one is doubtful."""
+    # a spring without a force has no direction to slide in
+    borne = found.tangential_cd.any(axis=1), found.turning.rolling_cd.any(axis=1), found.turning.twisting_c != 0.0
+    limits = (found.limit, *found.turning_limits)
+    at_limit = np.stack([one.at_limit_c & there for one, there in zip(limits, borne, strict=True)])
+    return at_limit, np.any([one.doubtful_c for one in limits], axis=0)
+
+
 def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     """Return the touching pairs of a scene with friction, those of rattlers left out unless these are to be kept."""
     one_of("rattlers", rattlers, ("remove", "keep"))
@@ -134,11 +143,7 @@ def frictional_network(scene: Scene, rattlers: str) -> FrictionalNetwork:
     chosen = np.flatnonzero(kept[found.contacts.i_c] & kept[found.contacts.j_c])
     contacts = found.contacts.select(chosen)
     forces = ContactForces(scene, contacts, found.normal_c[chosen], found.tangential_cd[chosen])
-    # a spring without a force has no direction to slide in
-    borne = found.tangential_cd.any(axis=1), found.turning.rolling_cd.any(axis=1), found.turning.twisting_c != 0.0
-    limits = (found.limit, *found.turning_limits)
-    at_limit = np.stack([one.at_limit_c & there for one, there in zip(limits, borne, strict=True)])
-    doubtful = np.any([one.doubtful_c for one in limits], axis=0)
+    at_limit, doubtful = springs_at_limit(found)
     network = network_among(scene.packing, contacts, kept, scene.effects, scene.packing.spin_nkk)
     return FrictionalNetwork(
         network,

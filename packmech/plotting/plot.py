@@ -33,6 +33,7 @@ from packmech.mechanics.complex_modulus import ComplexModulus
 from packmech.mechanics.elasticity import Moduli
 from packmech.mechanics.mode_counts import ModeCounts
 from packmech.mechanics.modes import Modes
+from packmech.mechanics.rigid_clusters import RigidClusters
 from packmech.mechanics.state_density import StateDensity
 from packmech.mechanics.waves import SoundSpeeds, Waves
 from packmech.packing import Packing
@@ -58,6 +59,8 @@ SIZE, SQUARE, SMALL = (5.6, 3.8), (6.4, 5.6), (2.6, 2.6)
 _LISTED_KINDS = 10
 # colors of particles on a white ground: those that bear forces, rattlers, held ones, copies
 BEARING, RATTLER, HELD, EDGE = "#b7cbe0", "#f0d091", "#b4b4b4", "#5b6b7d"
+# particles whose joints are shown, and how many clusters a legend lists
+_PALE, _LISTED = "#eef1f5", 3
 # what lies at the back of a packing in space is mixed with white up to this part
 _FADED = 0.65
 # part of the box by which places may differ that are the same [1]
@@ -73,8 +76,9 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     thing
         What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its
         contact forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does, or
-        the fewest copies that unjam where one box does not; its answer on copies: these (else on `packing=`). A
-        motion, modes: arrows on `packing=`; modes without it: their spectrum. An avalanche: what it moved.
+        the fewest copies that unjam where one box does not; its answer on copies: these (else on `packing=`). Rigid
+        clusters: contacts and links in their colors, wide where over-constrained. A motion, modes: arrows on
+        `packing=`; modes without it: their spectrum. An avalanche: what it moved.
         Displacements and local strains: arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane
         (`of=`). Moduli: the matrix. Speeds of sound: along their direction, with how particles move. Else a curve: a
         density of states, numbers of modes, waves (branches along a path), pair distribution, shell average,
@@ -459,6 +463,38 @@ def _draw_verdict(verdict: Verdict, ax: Any, *, packing: Any = None, scale: floa
 
 def _verdict_words(verdict: Verdict) -> str:
     return f"collectively {verdict.collective}, strictly {verdict.strict}"
+
+
+@_draws(RigidClusters, size=SQUARE)
+def _draw_clusters(clusters: RigidClusters, ax: Any, *, copies: bool = True) -> None:
+    """Draw contacts and links in the colors of their rigid clusters, wide where these are over-constrained."""
+    packing, parts = clusters.packing, matplotlib_parts()
+    fill_nc = np.tile(parts.to_rgb(_PALE), (packing.particles, 1))
+    _add_packing(ax, packing, (), (fill_nc, {}), drawing.draw_packing(packing), False, "", copies, False)
+    lines = drawing.cluster_lines(clusters)
+    points = ax.get_window_extent().width * 72.0 / ax.figure.dpi / float(np.ptp(ax.get_xlim()))
+    # the largest on top
+    order = np.argsort(-np.where(lines.cluster_s < 0, len(clusters), lines.cluster_s), kind="stable")
+    ax.add_collection(
+        parts.LineCollection(
+            drawing.projected(lines.segment_sed[order])[..., :2],
+            colors=lines.color_sc[order] / 255.0,
+            linewidths=2.0 * points * packing.reference_diameter * lines.width_s[order],
+            zorder=5.0,
+            capstyle="round",
+        )
+    )
+    several = np.flatnonzero(clusters.size_k[:_LISTED] > 2)
+    marks = [
+        (f"{clusters.size_k[k]} particles", np.array(drawing.RIGID[k % len(drawing.RIGID)]) / 255.0) for k in several
+    ]
+    handles = [parts.Line2D([], [], color=color, linewidth=2.5, label=name) for name, color in marks]
+    handles.append(parts.Line2D([], [], color="#606060", linewidth=5.0, label="over-constrained"))
+    ax.legend(handles=handles, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=4)
+    ax.set_title(
+        f"{len(clusters)} rigid clusters, {clusters.floppy_modes} floppy modes, "
+        f"{clusters.states_of_self_stress} states of self stress"
+    )
 
 
 @_draws(UnjammingMotion, size=SQUARE)

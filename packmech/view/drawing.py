@@ -17,11 +17,13 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from packmech.box import Box
+from packmech.constraints.factor import link_pairs
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import MeshWalls, Walls, acting_contacts, bonds_of, contact_terms
 from packmech.links import number_by_first
 from packmech.measure.stress import tension_of
+from packmech.mechanics.rigid_clusters import RigidClusters
 from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.shapes import Superellipsoids
@@ -34,6 +36,12 @@ WEAK_FORCE, STRONG_FORCE = (168, 58, 46), (255, 236, 170)
 # ends together and violet where it pushes them apart
 CLUSTERS = ((74, 118, 168), (58, 132, 128), (104, 98, 172), (92, 140, 92), (124, 104, 146), (110, 134, 158))
 IDLE_BOND, IDLE_SHAPE, TENSION, COMPRESSION = (222, 228, 236), (128, 140, 158), (64, 224, 160), (190, 104, 240)
+# rigid clusters, the largest first; joints of two particles alone, and between what turns against each other
+RIGID = (
+    (226, 88, 62), (66, 146, 214), (240, 176, 52), (62, 168, 116), (164, 110, 210), (232, 124, 176), (98, 196, 196),
+    (158, 128, 76), (150, 190, 70), (104, 118, 220),
+)  # fmt: skip
+SMALL_CLUSTER, TURNING = (158, 166, 178), (96, 102, 114)
 OUTLINE = (150, 160, 176)
 ARROW = (255, 214, 102)
 CURVE = (122, 174, 230)
@@ -48,6 +56,7 @@ ARROW_RADIUS, OUTLINE_RADIUS = 0.08, 0.03
 SLIDING, HELD, WALL, MARK = (96, 200, 255), (170, 176, 190), (214, 216, 222), (13, 17, 26)
 # half widths over the reference diameter
 BOND_WIDTH, MARK_WIDTH, WALL_WIDTH = 0.06, 0.035, 0.05
+RIGID_WIDTH, STRESSED_WIDTH = 0.05, 0.1
 # direction from which three-dimensional packings are viewed
 VIEW = (0.42, -0.88, 0.45)
 # a box so much flatter than it need be is drawn with its shortest vectors
@@ -256,6 +265,39 @@ def particle_colors(
     if rattler_n is not None:
         color_nc[rattler_n] = RATTLER
     return color_nc
+
+
+class ClusterLines(NamedTuple):
+    """Lines of the joints of rigid clusters.
+
+    (S, 2, d) ends [length], (S, 3) colors, (S,) half widths over the reference diameter, and (S,) the cluster of each.
+    """
+
+    segment_sed: NDArray[np.float64]
+    color_sc: NDArray[np.uint8]
+    width_s: NDArray[np.float64]
+    cluster_s: NDArray[np.int64]
+
+
+def cluster_lines(clusters: RigidClusters) -> ClusterLines:
+    """Return lines of contacts and links in the colors of their rigid clusters, wide where these are over-constrained.
+
+    Of two particles alone they are gray, and darker between particles that turn against each other.
+    """
+    inside, links = clusters.packing.wrapped(), link_pairs(clusters.packing)
+    parts = (clusters.contacts, links)
+    i, j = (np.concatenate([getattr(one, name) for one in parts]) for name in ("i_c", "j_c"))
+    vector = np.concatenate([one.vector_cd for one in parts])
+    apart = (inside.position_nd[i] + vector - inside.position_nd[j]) @ inside.box.inverse_dd.T
+    segment, pair = pair_lines(inside.position_nd, i, j, np.rint(apart).astype(np.int64), vector)
+    label = np.concatenate([clusters.cluster_c, clusters.cluster_l])[pair]
+    stressed = np.concatenate([clusters.overconstrained_c, clusters.overconstrained_l])[pair]
+    color = np.array(RIGID, dtype=np.uint8)[np.maximum(label, 0) % len(RIGID)]
+    several = np.append(clusters.size_k > 2, False)[label]
+    color[~several] = SMALL_CLUSTER
+    color[label < 0] = TURNING
+    width = np.where(stressed, STRESSED_WIDTH, np.where(several, RIGID_WIDTH, 0.5 * RIGID_WIDTH))
+    return ClusterLines(segment, color, width, label)
 
 
 def dimmed(color_nc: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -29,6 +29,7 @@ from packmech.files.records import is_record, to_table
 from packmech.jamming.play import PlayedMotion
 from packmech.measure.counting import packing_fraction
 from packmech.measure.stress import pressure
+from packmech.mechanics.rigid_clusters import RigidClusters
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
@@ -380,7 +381,9 @@ class World:
         self.send(clock, f"state/{path}", rr.AnyValues.columns(**flat), [one.size for one in array_f])
 
 
-def blueprint(trajectory: Trajectory, motions: Sequence[DrawnMode] = (), *, summary: bool) -> rrb.Blueprint:
+def blueprint(
+    trajectory: Trajectory, motions: Sequence[DrawnMode] = (), *, summary: bool, clusters: bool = False
+) -> rrb.Blueprint:
     """Return how a recording opens: the packing large, modes, loop and results beside it, then the curves.
 
     Only panels that have something to show are there.
@@ -408,6 +411,8 @@ def blueprint(trajectory: Trajectory, motions: Sequence[DrawnMode] = (), *, summ
             if linked:
                 pictures = [pictures[0], rrb.Horizontal(world_view(trajectory, "links", links), pictures[1])]
     middle: Views = []
+    if clusters:
+        middle.append(world_view(trajectory, "rigid clusters", ["/world/clusters/**"]))
     if motions:
         shown = ["/world/particles"] if flat else []
         views = [world_view(trajectory, motion.title, [*shown, f"/world/modes/{motion.name}/**"]) for motion in motions]
@@ -517,6 +522,7 @@ def record_packing(
     *,
     modes: Any = None,
     mode_count: int = 4,
+    clusters: RigidClusters | None = None,
     parameters: Mapping[str, Any] | None = None,
     results: Mapping[str, Any] | None = None,
     summary: str = "",
@@ -538,6 +544,9 @@ def record_packing(
         Normal modes of the packing (`pm.normal_modes`); the lowest that are no free motions are drawn as arrows.
     mode_count
         How many of them.
+    clusters
+        Rigid clusters of the packing (`pm.rigid_clusters`): contacts and links in their colors, wide where these are
+        over-constrained, in a view of their own.
     parameters, results
         How the packing was made and what was found, by name; kept as the recording's properties.
     summary
@@ -546,7 +555,7 @@ def record_packing(
     Raises
     ------
     TypeError, ValueError
-        For a subject that is neither packing nor scene, modes of another packing, a negative mode_count.
+        For a subject that is neither packing nor scene, modes or clusters of another packing, a negative mode_count.
     OSError
         When the file cannot be written.
 
@@ -569,7 +578,12 @@ def record_packing(
     found.setdefault("packing_fraction", packing_fraction(trajectory.final))
     stiffness = _stiffness(subject) if isinstance(subject, Scene) else 1.0
     motions = _motions(modes, trajectory, stiffness, mode_count)
-    return _write(trajectory, path, motions, parameters, found, summary)
+    if clusters is not None:
+        instance("clusters", clusters, RigidClusters)
+        own, other = trajectory.final, clusters.packing
+        if own.position_nd.shape != other.position_nd.shape or not np.array_equal(own.position_nd, other.position_nd):
+            raise ValueError(f"clusters must be those of the packing, {own!r:.60}, got those of {other!r:.60}")
+    return _write(trajectory, path, motions, parameters, found, summary, clusters)
 
 
 @shown_as("recording")
@@ -667,8 +681,9 @@ def _write(
     parameters: Mapping[str, Any] | None,
     results: Mapping[str, Any],
     summary: str,
+    clusters: RigidClusters | None = None,
 ) -> Path:
-    layout = blueprint(trajectory, motions, summary=bool(summary))
+    layout = blueprint(trajectory, motions, summary=bool(summary), clusters=clusters is not None)
     with opened(path, layout, trajectory, parameters, results) as (stream, target):
         world = World(stream, trajectory.final, trajectory.colors())
         if trajectory.in_motion:
@@ -680,6 +695,8 @@ def _write(
         else:
             log_resting(world, motions, summary)
             log_motions(world, motions, int(trajectory.step_f[-1]))
+            if clusters is not None:
+                _log_clusters(world, clusters)
             # positions in doubles and floats, copies, and about 2 d lines of two ends a particle with width and color
             d = world.packing.dimension
             size = max(1, BLOCK_BYTES // (world.packing.particles * d * (8 + 4 + 2 * 2 * 4 * d)))
@@ -709,6 +726,15 @@ def _log_links(world: World) -> None:
             world.stream.log("world/links/beads", beads, static=True)
         pairs = rr.AnyValues(i_l=links.i_l, j_l=links.j_l, length_l=links.length_l, shape_l=links.shape_l)
         world.stream.log("state/links", pairs, static=True)
+
+
+def _log_clusters(world: World, clusters: RigidClusters) -> None:
+    """Log contacts and links in the colors of their rigid clusters."""
+    lines = drawing.cluster_lines(clusters)
+    radii = world.packing.reference_diameter * lines.width_s
+    world.stream.log("world/clusters", world.strips(lines.segment_sed, colors=lines.color_sc, radii=radii), static=True)
+    numbers = rr.AnyValues(cluster_c=clusters.cluster_c, overconstrained_c=clusters.overconstrained_c)
+    world.stream.log("state/clusters", numbers, static=True)
 
 
 def log_motions(world: World, motions: Sequence[DrawnMode], step: int) -> None:

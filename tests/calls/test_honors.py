@@ -175,6 +175,7 @@ RESTING = {
     "tap": lambda scene: pm.tap(scene, 1e-2, seed=1, pressure=1e-3, check=False)[0].packing.position_nd,
     "anneal_shape": lambda scene: pm.anneal_shape(scene, [1.1], seed=1, check=False)[0].packing.position_nd,
     "classify_jamming": lambda scene: [len(pm.classify_jamming(scene).strict)],
+    "rigid_clusters": lambda scene: [*pm.rigid_clusters(scene).cluster_c, pm.rigid_clusters(scene).rows],
 }
 
 

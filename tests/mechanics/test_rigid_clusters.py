@@ -1,0 +1,336 @@
+"""Facts about rigid clusters: frameworks with known answers, counting by the pebble game, exact ranks, proofs."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import packmech as pm
+from packmech.contacts.network import pair_contacts
+
+HARD = pm.Repulsion(pm.LinearSpring(1.0))
+TETRAHEDRON = [(i, j) for j in range(4) for i in range(j)]
+
+
+def framework(place, pairs, side=20.0):
+    """Return a packing of points with rigid links, far from the edges of its box."""
+    place = np.asarray(place, dtype=float) + 0.4 * side
+    length = [float(np.linalg.norm(place[i] - place[j])) for i, j in pairs]
+    d = place.shape[1]
+    links = pm.Links(*zip(*pairs, strict=True), np.zeros((len(pairs), d), dtype=int), length)
+    return pm.Packing(place, np.full(len(place), 0.05), pm.Box.cubic(side, d), links)
+
+
+def members(found):
+    """Return the particles of all clusters."""
+    return [found.particles_of(k).tolist() for k in range(len(found))]
+
+
+def generic(count, d, seed=0):
+    return np.random.default_rng(seed).normal(size=(count, d))
+
+
+def exact_rank(place, pairs):
+    """Return the rank of the rigidity matrix of whole-number places, by elimination with fractions."""
+    d = len(place[0])
+    rows = []
+    for i, j in pairs:
+        row = [Fraction(0)] * (d * len(place))
+        for a in range(d):
+            row[d * i + a], row[d * j + a] = (Fraction(s * (place[j][a] - place[i][a])) for s in (-1, 1))
+        rows.append(row)
+    rank = 0
+    for column in range(d * len(place)):
+        pivot = next((r for r in rows[rank:] if r[column] != 0), None)
+        if pivot is None:
+            continue
+        rows.remove(pivot)
+        rows.insert(rank, pivot)
+        for k in range(rank + 1, len(rows)):
+            share = rows[k][column] / pivot[column]
+            if share:
+                rows[k] = [a - share * b for a, b in zip(rows[k], pivot, strict=True)]
+        rank += 1
+    return rank
+
+
+def diluted(length, share, rng, periodic):
+    """Return a triangular lattice of displaced points with that share of its bonds, and these as contacts."""
+    number = np.arange(length * length)
+    x, y = number % length, number // length
+    ends = []
+    for dx, dy in ((1, 0), (0, 1), (-1, 1)):
+        image = np.stack([(x + dx) // length, (y + dy) // length], axis=1)
+        ends.append((number, (x + dx) % length + (y + dy) % length * length, image))
+    i, j, image = (np.concatenate(one) for one in zip(*ends, strict=True))
+    keep = rng.random(len(i)) < share
+    if not periodic:
+        keep &= ~image.any(axis=1)
+    i, j, image = i[keep], j[keep], image[keep]
+    turned = i > j
+    i, j, image = np.where(turned, j, i), np.where(turned, i, j), np.where(turned[:, None], -image, image)
+    order = np.lexsort((*image.T[::-1], j, i))
+    place = np.stack([x + 0.5 * y, y * 0.75**0.5], axis=1) + rng.uniform(-0.15, 0.15, (length**2, 2))
+    lattice = length * np.array([[1.0, 0.5], [0.0, 0.75**0.5]])
+    packing = pm.Packing(place, np.full(length**2, 0.5), pm.Box(lattice))
+    return packing, pair_contacts(packing, i[order], j[order], image[order].astype(np.int64))
+
+
+def same_partition(one, other):
+    """Whether two numberings put the same contacts together."""
+    pairs = len(set(zip(one.tolist(), other.tolist(), strict=True)))
+    return pairs == len(set(one.tolist())) == len(set(other.tolist())) and np.array_equal(one < 0, other < 0)
+
+
+def agree(one, other):
+    """Whether two methods found the same clusters, over-constrained contacts and ranks."""
+    return (
+        same_partition(one.cluster_c, other.cluster_c)
+        and np.array_equal(one.overconstrained_c, other.overconstrained_c)
+        and np.array_equal(one.size_k, other.size_k)
+        and np.array_equal(one.winding_kd.sum(axis=0), other.winding_kd.sum(axis=0))
+    )
+
+
+def test_a_triangle_is_one_cluster_and_a_square_four_until_it_has_a_diagonal():
+    triangle = pm.rigid_clusters(framework(generic(3, 2), [(0, 1), (0, 2), (1, 2)]))
+    assert members(triangle) == [[0, 1, 2]] and triangle.floppy_modes == 1
+    square, sides = [[0, 0], [1, 0], [1, 1], [0, 1]], [(0, 1), (1, 2), (2, 3), (0, 3)]
+    assert pm.rigid_clusters(framework(square, sides)).size_k.tolist() == [2, 2, 2, 2]
+    braced = pm.rigid_clusters(framework(square, [*sides, (0, 2)]))
+    assert members(braced) == [[0, 1, 2, 3]] and not braced.overconstrained_l.any()
+    both = pm.rigid_clusters(framework(square, [*sides, (0, 2), (1, 3)]))
+    assert both.overconstrained_l.all() and both.states_of_self_stress == 1
+
+
+def test_triangles_turn_about_a_particle_that_they_share_and_not_about_a_side():
+    pairs = [(0, 1), (0, 2), (1, 2), (0, 3), (0, 4), (3, 4)]
+    hinge = pm.rigid_clusters(framework(generic(5, 2), pairs))
+    assert members(hinge) == [[0, 1, 2], [0, 3, 4]]
+    assert hinge.pivots_n.tolist() == [True, False, False, False, False]
+    assert hinge.between > 1e-3 and hinge.within < 1e-12 and hinge.certain
+    side = pm.rigid_clusters(framework(generic(4, 2), [(0, 1), (0, 2), (1, 2), (0, 3), (1, 3)]))
+    assert members(side) == [[0, 1, 2, 3]]
+
+
+def test_tetrahedra_turn_about_an_edge_that_they_share_and_not_about_a_face():
+    edge = pm.rigid_clusters(framework(generic(6, 3), [*TETRAHEDRON, (0, 4), (1, 4), (0, 5), (1, 5), (4, 5)]))
+    assert members(edge) == [[0, 1, 2, 3], [0, 1, 4, 5]]
+    # six rigid motions but for the translations, and one about the edge
+    assert edge.floppy_modes == 3 + 1 and edge.self_held_k.all()
+    face = pm.rigid_clusters(framework(generic(5, 3), [*TETRAHEDRON, (0, 4), (1, 4), (2, 4)]))
+    assert members(face) == [[0, 1, 2, 3, 4]] and face.rigid_rank_k.tolist() == [3 * 5 - 6]
+
+
+def test_an_octahedron_is_rigid_with_as_many_bars_as_it_needs():
+    """Cauchy's theorem: triangulated convex surfaces are rigid, with 3 n - 6 edges."""
+    corners = np.concatenate([np.eye(3), -np.eye(3)]) + 0.1 * generic(6, 3)
+    pairs = [(i, j) for j in range(6) for i in range(j) if j != i + 3]
+    found = pm.rigid_clusters(framework(corners, pairs))
+    assert found.size_k.tolist() == [6] and found.rank == 12 and found.states_of_self_stress == 0
+
+
+def test_the_double_banana_counts_as_rigid_and_is_two_clusters_about_its_tips():
+    """3 n - 6 = 18 bars on 8 particles, and yet it turns about the line between the tips, which carries stress."""
+    banana = [
+        pair
+        for a, b, c in ((2, 3, 4), (5, 6, 7))
+        for pair in [(0, a), (0, b), (0, c), (1, a), (1, b), (1, c), (a, b), (a, c), (b, c)]
+    ]
+    place = [[0, 0, -30], [1, 2, 31], [9, 1, 2], [-4, 8, -1], [-5, -9, 3], [12, -2, 5], [-3, 11, -7], [-8, -6, 1]]
+    assert len(banana) == 3 * len(place) - 6 == exact_rank(place, sorted(banana)) + 1
+    found = pm.rigid_clusters(framework(place, sorted(banana), side=200.0))
+    assert members(found) == [[0, 1, 2, 3, 4], [0, 1, 5, 6, 7]]
+    assert found.rank == 17 and found.overconstrained_l.all() and found.self_held_k.all()
+
+
+def test_counting_and_null_space_differ_where_places_are_special_and_exact_ranks_say_which_is_right():
+    """Two triples, each of one joined to each of the other, are floppy if and only if the six lie on a conic."""
+    pairs = [(i, j) for i in range(3) for j in range(3, 6)]
+    # rational points of a circle of radius 65
+    conic = [[63, 16], [-33, 56], [-16, -63], [56, 33], [-60, 25], [39, -52]]
+    aside = [*conic[:5], [39, -40]]
+    for place, rank in ((conic, 8), (aside, 9)):
+        assert exact_rank(place, pairs) == rank
+        packing = framework(place, pairs, side=300.0)
+        found, counted = pm.rigid_clusters(packing), pm.rigid_clusters(packing, method="pebble game")
+        assert found.rank == rank and counted.rank == 9
+        assert counted.size_k.tolist() == [6]
+        assert found.size_k.tolist() == ([6] if rank == 9 else [2] * 9)
+
+
+def test_discs_of_a_square_grid_turn_against_each_other_like_gears_where_counting_says_that_they_are_rigid():
+    """9 discs with 12 contacts that stick: 24 rows and 27 - 3 motions; neighbors can turn in opposite senses."""
+    place = 4.0 + np.array([[x, y] for y in range(3) for x in range(3)]) * 0.999
+    packing = pm.Packing(place, np.full(9, 0.5), pm.Box.cubic(12.0, 2))
+    scene = pm.Scene(packing, (HARD, pm.Friction(0.5)))
+    found, counted = pm.rigid_clusters(scene), pm.rigid_clusters(scene, method="pebble game")
+    assert counted.size_k.tolist() == [9] and counted.rank == 24
+    assert len(found) == 0 and found.rank == 23 and (found.cluster_c == -1).all()
+    # three of a triangle cannot, nor can any where rolling is resisted
+    three = framework([[0, 0], [0.999, 0], [0.5, 0.86]], [(0, 1)]).replace(links=None, radius_n=np.full(3, 0.5))
+    assert pm.rigid_clusters(pm.Scene(three, (HARD, pm.Friction(0.5)))).size_k.tolist() == [3]
+    rolling = pm.rigid_clusters(scene.replace(effects=(*scene.effects, pm.RollingResistance(0.3, 0.5))))
+    assert rolling.size_k.tolist() == [9]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_clusters_of_diluted_lattices_are_those_that_counting_finds(seed):
+    """Open ones and periodic ones, whose clusters wind around the box, in places of no symmetry."""
+    rng = np.random.default_rng(seed)
+    for k in range(20):
+        packing, contacts = diluted(int(rng.integers(3, 11)), rng.uniform(0.4, 0.95), rng, bool(k % 2))
+        found = pm.rigid_clusters(packing, contacts=contacts)
+        counted = pm.rigid_clusters(packing, contacts=contacts, method="pebble game")
+        assert agree(found, counted), (seed, k)
+        assert not found.certain or found.rank == counted.rank
+        assert found.self_held_k.all() and np.array_equal(found.own_rank_k, counted.own_rank_k)
+        assert found.states_of_self_stress == found.rows - found.rank
+
+
+def test_over_constrained_contacts_are_the_rows_of_dense_states_of_self_stress():
+    packing, contacts = diluted(8, 0.75, np.random.default_rng(4), True)
+    dense = pm.states_of_self_stress(packing, contacts=contacts, method="dense")
+    found = pm.rigid_clusters(packing, contacts=contacts)
+    assert np.array_equal((dense.force_ck**2).sum(axis=1) > 1e-16, found.overconstrained_c)
+    assert found.rank == dense.rank and found.states_of_self_stress == dense.count
+    assert found.floppy_modes == pm.floppy_modes(packing, contacts=contacts, method="dense").count
+
+
+def test_the_smallest_singular_value_of_a_cluster_is_that_of_its_own_rows():
+    packing, contacts = diluted(7, 0.7, np.random.default_rng(9), False)
+    found = pm.rigid_clusters(packing, contacts=contacts)
+    matrix = pm.rigidity_matrix(packing, "none", contacts=contacts)
+    bound = np.sqrt(float(abs(matrix.T @ matrix).sum(axis=0).max()))
+    inside = found.particles_of(0)
+    columns = np.stack([2 * inside, 2 * inside + 1], axis=1).ravel()
+    own = np.linalg.svd(matrix[found.cluster_c == 0][:, columns].toarray(), compute_uv=False)
+    # inverse iteration comes from above
+    assert -1e-9 < found.smallest_k[0] * bound / own[2 * len(inside) - 4] - 1.0 < 1e-2
+
+
+def frictional(seed, particles):
+    """Return a packing with friction at rest; of one in two some contacts slide, with a little less friction."""
+    rng = np.random.default_rng(seed)
+    fraction, mu = rng.uniform(0.78, 0.88), (0.05, 0.2, 0.5, 1.0)[seed % 4]
+    packing = pm.random_packing(
+        particles, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=fraction, seed=seed
+    )
+    damped = (HARD, pm.Friction(mu, 0.7, 0.3), pm.ContactDamping(0.3), pm.BackgroundDamping(0.05))
+    rest = pm.simulate(pm.Scene(packing, damped), steps=4000, dt=0.1).packing
+    return pm.Scene(rest, (HARD, pm.Friction(mu if seed % 8 < 4 else 0.9 * mu, 0.7)))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_rigid_clusters_with_friction_are_those_of_the_game_with_three_pebbles(seed):
+    scene = frictional(seed, 48)
+    found, counted = pm.rigid_clusters(scene), pm.rigid_clusters(scene, method="pebble game")
+    assert agree(found, counted) and found.rank == counted.rank
+    assert found.self_held_k.all() and found.certain
+    assert found.rows == len(found.contacts) + np.count_nonzero(~found.sliding_c)
+
+
+def test_without_friction_a_jammed_packing_is_one_cluster_and_its_rattlers():
+    packing = pm.random_packing(48, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.84, seed=1)
+    jammed = pm.jam(pm.Scene(packing, (pm.Repulsion(),)), pressure=1e-6).packing
+    found = pm.rigid_clusters(jammed)
+    assert found.particles_of(0).tolist() == np.flatnonzero(~pm.find_rattlers(jammed)).tolist()
+    # it winds around the box in both directions, so that it cannot turn
+    assert found.winding_kd[0].all() and found.percolates
+    assert found.own_rank_k[0] == 2 * found.size_k[0] - 2
+    assert found.largest_fraction == found.size_k[0] / 48
+
+
+def test_what_is_held_is_one_body():
+    """Two held discs a distance apart hold a third by two contacts."""
+    packing = pm.Packing([[3.0, 3.0], [4.4, 3.0], [3.7, 3.7]], [0.5] * 3, pm.Box.cubic(8.0, 2))
+    effects = (pm.Repulsion(), pm.FixedParticles((0, 1)))
+    held = pm.rigid_clusters(pm.Scene(packing, effects))
+    assert members(held) == [[0, 1, 2]] and held.floppy_modes == 0 and held.own_rank_k.tolist() == [2]
+    assert pm.rigid_clusters(packing).size_k.tolist() == [2, 2]
+
+
+def test_kagome_is_triangles_and_face_centered_cubic_spheres_are_one_cluster():
+    kagome = pm.rigid_clusters(pm.lattice_packing("kagome", repeats=(4, 4)))
+    assert kagome.size_k.tolist() == [3] * 32
+    crystal = pm.lattice_packing("fcc", repeats=(2, 2, 2))
+    cubic = pm.rigid_clusters(crystal)
+    assert cubic.size_k.tolist() == [crystal.particles] and cubic.winding_kd.all()
+    assert cubic.states_of_self_stress == pm.states_of_self_stress(crystal).count
+
+
+def test_four_spheres_that_stick_are_rigid_and_three_still_spin_about_the_chords_of_their_contacts():
+    """6 contacts of 3 rows are 6 * 4 - 6; 3 contacts leave the spin of each sphere about its own chord."""
+    corners = 4.0 + 0.999 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / 8.0**0.5
+    four = pm.Packing(corners, [0.5] * 4, pm.Box.cubic(9.0, 3))
+    effects = (HARD, pm.Friction(0.5))
+    whole = pm.rigid_clusters(pm.Scene(four, effects))
+    assert members(whole) == [[0, 1, 2, 3]] and whole.rank == 18 == whole.own_rank_k[0]
+    three = pm.rigid_clusters(pm.Scene(four.select(np.arange(3)), effects))
+    assert len(three) == 0 and three.floppy_modes == 18 - 9 - 3
+    rolling = (*effects, pm.RollingResistance(0.5, 0.5))
+    assert members(pm.rigid_clusters(pm.Scene(four.select(np.arange(3)), rolling))) == [[0, 1, 2]]
+
+
+def test_a_framework_without_joints_has_no_clusters():
+    alone = pm.Packing([[1.0, 1.0], [4.0, 4.0]], [0.5, 0.5], pm.Box.cubic(8.0, 2))
+    for method in ("null space", "pebble game"):
+        found = pm.rigid_clusters(alone, method=method)
+        assert len(found) == 0 and found.rank == 0 and found.floppy_modes == 2 and found.largest_fraction == 0.0
+
+
+def test_what_has_no_answer_is_refused_by_name():
+    crystal = pm.lattice_packing("fcc", repeats=(2, 2, 2))
+    with pytest.raises(ValueError, match="method must be 'null space' in space.*got 'pebble game'"):
+        pm.rigid_clusters(crystal, method="pebble game")
+    flat = pm.lattice_packing("triangular", repeats=(3, 3), relative_overlap=0.01)
+    rough = pm.Scene(flat, (HARD, pm.Friction(0.5)))
+    with pytest.raises(ValueError, match="contacts must be None for a scene with friction"):
+        pm.rigid_clusters(rough, contacts=pm.find_contacts(flat))
+    with pytest.raises(ValueError, match="gap_tolerance must be None for a scene with friction"):
+        pm.rigid_clusters(rough, gap_tolerance=1e-3)
+    held = pm.Scene(flat, (HARD, pm.FixedParticles((0,))))
+    with pytest.raises(ValueError, match="method must be 'null space' where particles are held"):
+        pm.rigid_clusters(held, method="pebble game")
+    with pytest.raises(ValueError, match="cluster must be below 1, the number of rigid clusters, got 3"):
+        pm.rigid_clusters(flat).particles_of(3)
+    turning = pm.random_packing(8, dimension=3, shapes=pm.Ellipses(aspect=1.5), packing_fraction=0.7, seed=1)
+    with pytest.raises(ValueError, match="particles that turn about all their axes or about none"):
+        pm.rigid_clusters(turning)
+
+
+def test_pictures_and_recordings_show_clusters_in_colors(tmp_path):
+    packing = pm.lattice_packing("kagome", repeats=(3, 3))
+    contacts, found = pm.find_contacts(packing), pm.rigid_clusters(packing)
+    ax = pm.plot(found)
+    lines = ax.collections[-1]
+    # contacts that cross the edge are drawn at both sides
+    assert len(lines.get_segments()) >= len(contacts)
+    assert len(np.unique(np.round(lines.get_colors()[:, :3], 3), axis=0)) == 10
+    assert f"{len(found)} rigid clusters" in ax.get_title()
+    path = pm.record_packing(packing, tmp_path / "clusters.rrd", clusters=found)
+    assert path.stat().st_size > 1000
+    with pytest.raises(ValueError, match="clusters must be those of the packing"):
+        pm.record_packing(pm.lattice_packing("kagome", repeats=(2, 2)), tmp_path / "other.rrd", clusters=found)
+    with pytest.raises(TypeError, match="clusters must be a RigidClusters"):
+        pm.record_packing(packing, tmp_path / "none.rrd", clusters=contacts)
+
+
+@pytest.mark.slow
+def test_a_thousand_diluted_lattices_have_the_clusters_that_counting_finds():
+    rng = np.random.default_rng(7)
+    for k in range(1000):
+        packing, contacts = diluted(int(rng.integers(3, 16)), rng.uniform(0.4, 0.95), rng, bool(k % 2))
+        found = pm.rigid_clusters(packing, contacts=contacts)
+        assert agree(found, pm.rigid_clusters(packing, contacts=contacts, method="pebble game")), k
+
+
+@pytest.mark.slow
+def test_a_hundred_packings_with_friction_have_the_clusters_that_counting_finds():
+    sliding = 0
+    for seed in range(100):
+        scene = frictional(seed, 64)
+        found = pm.rigid_clusters(scene)
+        assert agree(found, pm.rigid_clusters(scene, method="pebble game")), seed
+        sliding += int(found.sliding_c.sum())
+    assert sliding > 100
