@@ -716,7 +716,7 @@ def chain_packing(
         longest = _BOXES * float(scaled.reduced()[0].height_d.min())
         if avoid and link_length > longest:
             raise ValueError(
-                f"link_length must be at most {longest:.4g}, {_BOXES} heights of the box, where links are not to cross, "
+                f"link_length must be at most {longest:.4g}, {_BOXES} heights of the box, where links must not cross, "
                 f"got {link_length:g}"
             )
         around = () if closing is None else tuple(np.einsum("de,e->d", scaled.lattice_dd, np.array(closing)).tolist())

@@ -1,12 +1,13 @@
 """Facts about copies of packings: crystals for all repeats, and random packings against programs on the copies."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import packmech as pm
-from packmech.jamming.tiled import _commensurate, _cover, _Waves
+from packmech.jamming.tiled import _commensurate, _cover, _Waves, judge_tiled
 
 
 def jammed(particles, seed, strain):
@@ -119,6 +120,10 @@ def test_a_wave_that_changes_nothing_is_no_proof_however_small_its_cell(monkeypa
     found = _cover(waves)
     assert found.collective == "ambiguous"
     np.testing.assert_allclose(found.wave_vector_d, there, atol=1e-6)
+    # nor where a part of its cell is about 0, where the bound for long waves holds
+    k = 2.0 * np.pi * there @ waves.packing.box.inverse_dd
+    monkeypatch.setattr(waves, "long_waves", lambda: 0.9 * float(np.sqrt(k @ k)))
+    assert _cover(waves).collective == "ambiguous"
 
 
 def test_one_disc_among_its_own_images_is_jammed_for_all_repeats():
@@ -182,6 +187,15 @@ def test_bad_numbers_of_copies_are_refused(tiled, message):
         pm.classify_jamming(pm.lattice_packing("triangular", repeats=(3, 3)), tiled=tiled)
     with pytest.raises(ValueError, match='which gives no contact forces: method="certificate"'):
         pm.classify_jamming(pm.lattice_packing("triangular", repeats=(3, 3)), tiled=True, method="loads")
+
+
+def test_without_forces_on_every_contact_copies_are_not_jammed_for_sure():
+    packing = pm.lattice_packing("triangular", repeats=(3, 3))
+    found = pm.classify_jamming(packing)
+    for force_c in (None, 1.0 * (np.arange(27) > 0)):
+        answer = replace(found.collectively, contact_force_c=force_c)
+        tiled = judge_tiled(packing, answer, found.strictly, found.network, found.backbone, (2, 2))
+        assert tiled.collective == "ambiguous" and "no forces are known" in tiled.reason
 
 
 def test_links_and_shapes_are_refused():

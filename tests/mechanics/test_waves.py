@@ -150,6 +150,12 @@ def test_dispersion_passes_its_corners_and_lowest_branches_are_those_of_all():
     np.testing.assert_allclose(few.frequency_km, path.frequency_km[:, :5], atol=1e-6)
 
 
+def test_corners_at_one_place_are_points_of_their_own():
+    path = pm.dispersion(crystal("triangular"), [[0, 0], [0, 0], [0.5, 0]], points=5)
+    assert path.corner_k[0] == 0 and (np.diff(path.corner_k) >= 1).all()
+    assert len(path.wave_vector_kd) == path.corner_k[-1] + 1 >= 5
+
+
 def test_many_particles_are_searched_from_below():
     scene = rest(24, 2, 1)
     many = scene.replace(packing=scene.packing.repeated((8, 8)))

@@ -947,7 +947,12 @@ CATALOGUE: list[Fault] = [
             "np.array([0.25, *[0.5] * (d - 1)])",
             "np.array([0.25, *[0.25] * (d - 1)])",
         ),
-        ("long waves of no strain are rigid", "    if not long:\n", "    if False:\n"),
+        (
+            "long waves of no strain are rigid",
+            "    if not long:\n",
+            "    if False:\n",
+            "cells about 0 are halved until there are too many, and the answer is as open",
+        ),
         ("long waves err by their strain alone", "np.hypot(*strained.errors(k))", "strained.errors(k)[0]"),
         ("floppy strains leave a bound", "if not strained.smallest > _FLOPPY:", "if False:"),
         ("fewer rows than columns have full rank", "        if self.count < self.size:\n", "        if False:\n"),
