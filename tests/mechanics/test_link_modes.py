@@ -101,6 +101,15 @@ def test_density_of_states_counts_the_modes_between_its_edges(crystal):
     assert np.array_equal(states.count_b, counted)
 
 
+@pytest.mark.parametrize("name", ["random_chain_3d_w2.5", "random_dimer_3d_w2.0", "random_trimer_2d_w2.5"])
+def test_the_fastest_growing_mode_of_linked_packings_is_in_the_lowest_bin(linked, name):
+    """Slack in the links would lower it by a part in 1e8, out of the bins."""
+    scene, _ = linked(name)
+    states, modes = (call(scene, rattlers="keep") for call in (pm.density_of_states, pm.normal_modes))
+    assert states.edge_b[0] < 0.0 and states.count_b.sum() == states.modes == len(modes)
+    assert np.array_equal(states.count_b, np.histogram(modes.frequency_m, states.edge_b)[0])
+
+
 @pytest.mark.parametrize("name", AT_REST)
 def test_packings_at_rest_are_stable_as_their_spectra_say(linked, name):
     scene, data = linked(name)
