@@ -69,15 +69,15 @@ def plot(thing: Any, ax: Any = None, **options: Any) -> Any:
     Parameters
     ----------
     thing
-        What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its
-        contact forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does. Rigid
-        clusters: contacts and links in their colors, wide where over-constrained. A motion, modes: arrows on `packing=`; modes without it: their spectrum. An avalanche: what it moved.
-        Displacements and local strains: arrows, and colors by D2min, on `packing=`. Coarse fields: one in the plane
-        (`of=`). Moduli: the matrix. Else a curve: a density of states, pair distribution, shell average, correlation,
-        stress-strain curve or loop, flow curve, moduli against amplitude or frequency, creep, mean square displacement,
-        self-intermediate scattering, energy ledger, cementing, shear families, distribution of forces, numbers of
-        contacts, statistics of an ensemble (`fit=True` draws a power law, or one that was fitted), work and precision,
-        or a trace (`of=` names what).
+        What to draw. A packing, a scene, its contact forces or a run: the particles and, of a scene, its contact
+        forces. A verdict: the backbone with its contacts and the motion that unjams it, if one does. Rigid clusters:
+        contacts and links in their colors, wide where over-constrained. A motion, modes: arrows on `packing=`; modes
+        without it: their spectrum. An avalanche: what it moved. Displacements and local strains: arrows, and colors by
+        D2min, on `packing=`. Coarse fields: one in the plane (`of=`). Moduli: the matrix. Else a curve: a density of
+        states, pair distribution, shell average, correlation, stress-strain curve or loop, flow curve, moduli against
+        amplitude or frequency, creep, mean square displacement, self-intermediate scattering, energy ledger, cementing,
+        shear families, distribution of forces, numbers of contacts, statistics of an ensemble (`fit=True` draws a power
+        law, or one that was fitted), work and precision, or a trace (`of=` names what).
     ax
         Axes of matplotlib to draw on; new ones unless given.
     options
