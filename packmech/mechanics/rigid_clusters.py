@@ -232,7 +232,7 @@ class RigidClusters:
     @property
     def self_held_k(self) -> NDArray[np.bool_]:
         """The (K,) clusters that are rigid by the joints within them alone, as the rank of their own rows proves."""
-        return self.own_rank_k == self.rigid_rank_k
+        return np.asarray(self.own_rank_k == self.rigid_rank_k)
 
     @property
     def pivots_n(self) -> NDArray[np.bool_]:
