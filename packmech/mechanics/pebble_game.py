@@ -1,7 +1,8 @@
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """The pebble game: generic counting of what is rigid in the plane, in a periodic box of fixed shape.
 
-Each particle has pebbles, its motions: two for a point, three for a disc that turns. A bar takes one motion away, and is
-independent of the bars before it where every set of bars obeys
+Each particle has pebbles, its motions: two for a point, three for a disc that turns. A bar takes one motion away, and
+is independent of the bars before it where every set of bars obeys
 
     bars <= pebbles of its particles - 3      if it does not wind around the box
     bars <= pebbles of its particles - 2      if it does: it cannot turn
@@ -38,7 +39,7 @@ class Counted(NamedTuple):
 
 
 @device
-def _pebbles(target, n):  # type: ignore[no-untyped-def]
+def _pebbles(target, n):
     """Return how many pebbles lie on a particle."""
     count = 0
     for s in range(target.shape[1]):
@@ -47,7 +48,7 @@ def _pebbles(target, n):  # type: ignore[no-untyped-def]
 
 
 @device
-def _fetch(target, gain, bar, root, other, seen, stamp, queue, parent, place):  # type: ignore[no-untyped-def]
+def _fetch(target, gain, bar, root, other, seen, stamp, queue, parent, place):
     """Bring one more pebble to `root`, but none of `other`; return whether there is one within reach."""
     seen[root] = stamp
     queue[0] = root
@@ -83,7 +84,7 @@ def _fetch(target, gain, bar, root, other, seen, stamp, queue, parent, place):  
 
 
 @device
-def _gather(target, gain, bar, u, v, wanted, seen, stamp, queue, parent, place):  # type: ignore[no-untyped-def]
+def _gather(target, gain, bar, u, v, wanted, seen, stamp, queue, parent, place):
     """Bring pebbles to u and v until these have so many; return how many they have, and the last stamp."""
     k = target.shape[1]
     found = _pebbles(target, u)
@@ -104,7 +105,7 @@ def _gather(target, gain, bar, u, v, wanted, seen, stamp, queue, parent, place):
 
 
 @device
-def _reach(target, u, v, seen, stamp, queue, parent, without):  # type: ignore[no-untyped-def]
+def _reach(target, u, v, seen, stamp, queue, parent, without):
     """List what bars lead to from u and v, but for the one that led to `without` before; return how many."""
     seen[u] = stamp
     queue[0] = u
@@ -130,7 +131,7 @@ def _reach(target, u, v, seen, stamp, queue, parent, without):  # type: ignore[n
 
 
 @device
-def _top(n, up, step, total):  # type: ignore[no-untyped-def]
+def _top(n, up, step, total):
     """Return the particle at the top of n's tree, and set the image of n against it."""
     d = step.shape[1]
     for a in range(d):
@@ -143,7 +144,7 @@ def _top(n, up, step, total):  # type: ignore[no-untyped-def]
 
 
 @device
-def _join(n, m, image, up, step, size, one, other):  # type: ignore[no-untyped-def]
+def _join(n, m, image, up, step, size, one, other):
     """Join the trees of the ends of a bar; return whether its image agrees where both are in one already.
 
     Images of particles against the tops of their trees are sums of steps: m - n must be that of the bar.
@@ -169,7 +170,7 @@ def _join(n, m, image, up, step, size, one, other):  # type: ignore[no-untyped-d
 
 
 @device
-def _is_balanced(target, gain, queue, count, i, j, image, up, step, size, one, other):  # type: ignore[no-untyped-def]
+def _is_balanced(target, gain, queue, count, i, j, image, up, step, size, one, other):
     """Whether a set that no bar leaves, the first of the queue, winds around nothing with one bar more from i to j."""
     for q in range(count):
         n = queue[q]
@@ -186,13 +187,13 @@ def _is_balanced(target, gain, queue, count, i, j, image, up, step, size, one, o
 
 
 @device
-def _forget(queue, count, up):  # type: ignore[no-untyped-def]
+def _forget(queue, count, up):
     for q in range(count):
         up[queue[q]] = -1
 
 
 @device
-def _mark(bar, queue, count, inside, stamp, target, stressed):  # type: ignore[no-untyped-def]
+def _mark(bar, queue, count, inside, stamp, target, stressed):
     """Mark the bars within a set."""
     for q in range(count):
         n = queue[q]
@@ -203,7 +204,7 @@ def _mark(bar, queue, count, inside, stamp, target, stressed):  # type: ignore[n
 
 
 @device
-def _condense(target, gain, bar, queue, count, balanced, turns_n, up, step, one, other):  # type: ignore[no-untyped-def]
+def _condense(target, gain, bar, queue, count, balanced, turns_n, up, step, one, other):
     """Let all of a rigid set that no bar leaves be held by two of it, so that later ways through it are short."""
     u, v = queue[0], queue[1]
     d = gain.shape[2]
@@ -230,7 +231,7 @@ def _condense(target, gain, bar, queue, count, balanced, turns_n, up, step, one,
 
 
 @kernel
-def _play(i_b, j_b, image_bd, turns_n, k, marks):  # type: ignore[no-untyped-def]
+def _play(i_b, j_b, image_bd, turns_n, k, marks):
     """Return the bars as they are held, which are independent, and which carry stress."""
     bars, d = image_bd.shape
     particles = turns_n.shape[0]
@@ -306,7 +307,7 @@ def _play(i_b, j_b, image_bd, turns_n, k, marks):  # type: ignore[no-untyped-def
 
 
 @kernel
-def _label(target, gain, bar, i_b, j_b, image_bd, turns_n, start, neighbor):  # type: ignore[no-untyped-def]
+def _label(target, gain, bar, i_b, j_b, image_bd, turns_n, start, neighbor):
     """Return the rigid cluster of each bar, of each particle where particles turn, and how many clusters there are.
 
     start and neighbor are the bars of each particle. From what holds all pebbles that it can, clusters grow by

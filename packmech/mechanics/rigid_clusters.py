@@ -1,11 +1,11 @@
 """Rigid clusters: what moves as one in every motion that a network of contacts and links admits.
 
-A random motion among those that change no contact is generic: with probability one two parts of the network stand still
-against each other in it only if they do in all of them. In the plane every bar between two points turns at one rate; bars
-that share a point are rigid with each other where their rates are the same. In space two bars that share a point and
-whose far ends keep their distance make a corner, which turns as a whole. A particle whose spin contacts resist turns at
-a rate of its own. Then it is proven that each cluster is rigid by the contacts within it, whose rank is counted, and
-that no two which touch are one: they turn at different rates.
+A random motion among those that change no contact is generic: with probability one two parts of the network stand
+still against each other in it only if they do in all of them. In the plane every bar between two points turns at one
+rate; bars that share a point are rigid with each other where their rates are the same. In space two bars that share a
+point and whose far ends keep their distance make a corner, which turns as a whole. A particle whose spin contacts
+resist turns at a rate of its own. Then it is proven that each cluster is rigid by the contacts within it, whose rank is
+counted, and that no two which touch are one: they turn at different rates.
 """
 
 from __future__ import annotations
@@ -232,12 +232,12 @@ class RigidClusters:
     @property
     def self_held_k(self) -> NDArray[np.bool_]:
         """The (K,) clusters that are rigid by the joints within them alone, as the rank of their own rows proves."""
-        return self.own_rank_k == self.rigid_rank_k
+        return np.asarray(self.own_rank_k == self.rigid_rank_k)
 
     @property
     def pivots_n(self) -> NDArray[np.bool_]:
         """The (N,) particles that are in several clusters, which turn against each other about them."""
-        return np.bincount(self.member_m, minlength=self.packing.particles) > 1
+        return np.asarray(np.bincount(self.member_m, minlength=self.packing.particles) > 1)
 
     def particles_of(self, cluster: int) -> NDArray[np.int64]:
         """Return the particles of a cluster."""
@@ -371,7 +371,7 @@ class _Found(NamedTuple):
     certain: bool
 
 
-# -- joints -------------------------------------------------------------------------------------------------------------
+# -- joints -----------------------------------------------------------------------------------------------------------
 
 
 def _joints(
@@ -484,7 +484,7 @@ def _tangents(normal_cd: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([first, np.cross(normal_cd, first)], axis=1)
 
 
-# -- random motions and states of self stress ---------------------------------------------------------------------------
+# -- random motions and states of self stress -------------------------------------------------------------------------
 
 
 def _bound(square: sp.csc_array) -> float:
@@ -560,7 +560,7 @@ def _least_squares(
     return x, left
 
 
-# -- clusters of what turns at one rate ---------------------------------------------------------------------------------
+# -- clusters of what turns at one rate -------------------------------------------------------------------------------
 
 
 class _Parts(NamedTuple):
@@ -590,9 +590,9 @@ def _of_motions(joints: Joints, rank_tolerance: float, tolerance: float) -> _Fou
     """Return rigid clusters from random motions."""
     n, d, t = joints.particles, joints.dimension, 1 if joints.dimension == 2 else 3
     random, force, square, residual = _null_vectors(joints.rows, rank_tolerance)
-    whole = np.zeros((n * joints.width, _MOTIONS))
-    whole[joints.column_f] = random
-    whole = whole.reshape(n, joints.width, _MOTIONS)
+    motion_f = np.zeros((n * joints.width, _MOTIONS))
+    motion_f[joints.column_f] = random
+    whole = motion_f.reshape(n, joints.width, _MOTIONS)
     size_e = np.sqrt((joints.vector_ed**2).sum(axis=1))
     length = float(size_e.mean()) if len(size_e) else 1.0
     spin = np.zeros((n, t, _MOTIONS))
@@ -669,7 +669,7 @@ def _corners(joints: Joints, motion: _Motion, is_bar: NDArray[np.bool_], toleran
         a = arm[side]
         inertia += (a**2).sum(axis=1)[:, None, None] * np.eye(3) - a[:, :, None] * a[:, None, :]
         moment += np.cross(a[:, :, None], far[side], axis=1)
-    rate = motion.length * np.linalg.solve(inertia, moment)
+    rate = np.asarray(motion.length * np.linalg.solve(inertia, moment), dtype=np.float64)
     own = np.arange(len(one))
     return _Parts(
         rate.reshape(len(one), 3 * far.shape[2]),
@@ -825,7 +825,7 @@ def _numbered(joints: Joints, parts: _Parts, label_p: NDArray[np.int64], is_bar:
     return _Clusters(cluster_e, start, member, whole[member] == owner, cluster, joint)
 
 
-# -- proofs --------------------------------------------------------------------------------------------------------------
+# -- proofs -----------------------------------------------------------------------------------------------------------
 
 
 class _Own(NamedTuple):
@@ -860,7 +860,7 @@ def _own_ranks(joints: Joints, clusters: _Clusters, tolerance: float, bound: flo
     block = np.repeat(clusters.cluster_m, q)[column]
     anchored = np.zeros(count, dtype=bool)
     anchored[clusters.cluster_m[joints.held_n[clusters.member_m]]] = True
-    rigid = _rigid_motions(joints, clusters, offset, winding.any(axis=1), anchored)[column]
+    rigid = _rigid_motions(joints, clusters, offset, np.asarray(winding.any(axis=1)), anchored)[column]
     rigid, free_k = _orthonormal(rigid, block, count)
     size_k = np.bincount(block, minlength=count)
     rigid_rank = size_k - free_k
@@ -973,10 +973,10 @@ def _softest(
 
     for _ in range(_INVERSIONS):
         vector = across(solve(across(vector)))
-    return np.bincount(block_f, vector * (square @ vector), count)
+    return np.asarray(np.bincount(block_f, vector * (square @ vector), count), dtype=np.float64)
 
 
-# -- counting ------------------------------------------------------------------------------------------------------------
+# -- counting ---------------------------------------------------------------------------------------------------------
 
 
 def _counted(joints: Joints) -> _Found:
@@ -985,7 +985,7 @@ def _counted(joints: Joints) -> _Found:
         raise ValueError(f"method must be 'null space' in space, where counting decides nothing, got {'pebble game'!r}")
     if joints.held_n.any():
         raise ValueError(
-            f"method must be 'null space' where particles are held, got 'pebble game' with {int(joints.held_n.sum())} held"
+            f"method must be 'null space' where particles are held, got 'pebble game' with {int(joints.held_n.sum())}"
         )
     n, count = joints.particles, len(joints.i_e)
     bar = np.repeat(np.arange(count), joints.bars_e)
