@@ -104,8 +104,8 @@ def count_modes(
 
     One sparse factorization for each value, and no mode computed. That a number is that of the matrix itself, not only
     of its rounded factors, is checked with random vectors (`ModeCounts.certain_v`). Measured, one thread, without
-    `signs`: a million discs 49 s CPU and 3.7 GB for one value; of a quarter of a million 10 s, and 2 s for each further
-    one.
+    `signs`, CPU seconds and memory for one value: a million discs 49 and 3.7 GB, a hundred thousand spheres 117 and 3.6
+    GB; of a quarter of a million discs 10, and 2 for each further one.
 
     Parameters
     ----------
