@@ -52,8 +52,9 @@ from packmech.scene import Scene
 METHODS = ("null space", "pebble game")
 # independent random motions, and random forces
 _MOTIONS, _FORCES = 3, 2
-# rates of turning, and forces, of random vectors of components of size 1 that count as zero [1]
-TOLERANCE = 1e-9
+# rates of turning, and forces, of random vectors of components of size 1 that count as zero, or so many times what
+# rounding makes of them [1]
+TOLERANCE, _NOISES = 1e-10, 30.0
 # sweeps that take away what is no null vector, and what rounding leaves of it
 _SWEEPS, _ROUNDING = 12, 3e-15
 # conjugate gradients begin where more than this is left, and end after so many steps, when little of what they began
@@ -282,7 +283,8 @@ def rigid_clusters(
     rank_tolerance
         Singular values below this fraction of a bound on the largest count as zero [1].
     tolerance
-        Rates of turning, and forces, of random motions and states below this are zero [1].
+        Rates of turning, and forces, of random motions and states below this are zero, or below thirty times what
+        rounding makes of them, as one more sweep shows [1].
 
     Raises
     ------
@@ -498,10 +500,21 @@ def _shifted(square: sp.csc_array, tolerance: float) -> Factorization:
     return factorize(sp.csc_array(square + shift * sp.eye_array(square.shape[0])), kind="symmetric")
 
 
-def _null_vectors(
-    rows: sp.csr_array, tolerance: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], sp.csc_array, float]:
-    """Return random motions on which rows vanish, random forces in balance, rows^T rows, and the error of both.
+class _NullVectors(NamedTuple):
+    """Random motions and forces in balance, rows^T rows, what is left of the rows, and by how much rounding moves both.
+
+    A soft motion takes little of a random one from the rows, so that rounding there makes much of it.
+    """
+
+    motion_fm: NDArray[np.float64]
+    force_rm: NDArray[np.float64]
+    square: sp.csc_array
+    residual: float
+    noise: tuple[float, float]
+
+
+def _null_vectors(rows: sp.csr_array, tolerance: float) -> _NullVectors:
+    """Return random motions on which rows vanish and random forces in balance.
 
     Both are what is left of random vectors of components of size 1 as each sweep takes the part s^2 / (s^2 + shift) off
     what has the singular value s.
@@ -512,22 +525,31 @@ def _null_vectors(
     turned = sp.csr_array(rows.T)
     square = sp.csc_array(turned @ rows)
     if not rows.nnz:
-        return motion, force, square, 0.0
+        return _NullVectors(motion, force, square, 0.0, (0.0, 0.0))
     solve = _shifted(square, tolerance).solve
-    for _ in range(_SWEEPS):
+
+    def sweep() -> tuple[float, tuple[float, float]]:
+        """Take off what the sweep takes; return what was left of the rows, and how far motions and forces moved."""
+        nonlocal motion, force
         changed, pushed = rows @ motion, turned @ force
-        error = max(float(np.abs(changed).max()), float(np.abs(pushed).max()))
-        if error <= _ROUNDING:
-            return motion, force, square, error
         step = solve(np.hstack([turned @ changed, pushed]))
-        motion -= step[:, :_MOTIONS]
-        force -= rows @ step[:, _MOTIONS:]
+        motion, push = motion - step[:, :_MOTIONS], rows @ step[:, _MOTIONS:]
+        force = force - push
+        left = max(float(np.abs(changed).max()), float(np.abs(pushed).max()))
+        return left, (float(np.abs(step[:, :_MOTIONS]).max()), float(np.abs(push).max()))
+
+    for _ in range(_SWEEPS):
+        left, noise = sweep()
+        if left <= _ROUNDING:
+            break
     # what is left is soft: some few motions, of which each step takes one away
-    if error > _SOFT:
-        step, left = _least_squares(rows, turned, solve, np.hstack([rows @ motion, force]))
-        motion, force = motion - step[:, :_MOTIONS], left[:, _MOTIONS:]
+    if left > _SOFT:
+        step, force_left = _least_squares(rows, turned, solve, np.hstack([rows @ motion, force]))
+        motion, force = motion - step[:, :_MOTIONS], force_left[:, _MOTIONS:]
+        for _ in range(2):
+            _, noise = sweep()
     error = max(float(np.abs(rows @ motion).max()), float(np.abs(turned @ force).max()))
-    return motion, force, square, error
+    return _NullVectors(motion, force, square, error, noise)
 
 
 def _least_squares(
@@ -589,7 +611,8 @@ class _Motion(NamedTuple):
 def _of_motions(joints: Joints, rank_tolerance: float, tolerance: float) -> _Found:
     """Return rigid clusters from random motions."""
     n, d, t = joints.particles, joints.dimension, 1 if joints.dimension == 2 else 3
-    random, force, square, residual = _null_vectors(joints.rows, rank_tolerance)
+    random, force, square, residual, noise = _null_vectors(joints.rows, rank_tolerance)
+    zero_rate, zero_force = (max(tolerance, _NOISES * one) for one in noise)
     motion_f = np.zeros((n * joints.width, _MOTIONS))
     motion_f[joints.column_f] = random
     whole = motion_f.reshape(n, joints.width, _MOTIONS)
@@ -601,13 +624,13 @@ def _of_motions(joints: Joints, rank_tolerance: float, tolerance: float) -> _Fou
     motion = _Motion(whole[:, :d], spin, length)
     far = motion.velocity_ndm[joints.j_e] - motion.velocity_ndm[joints.i_e]
     stretch = np.abs(np.einsum("ea,eam->em", joints.vector_ed, far)).max(axis=1, initial=0.0)
-    is_bar = (stretch <= tolerance * size_e) & (size_e > 0.0)
-    parts = _with_bodies(joints, motion, (_bars if d == 2 else _corners)(joints, motion, is_bar, tolerance))
-    label, within, between = _together(joints, parts, motion, tolerance)
+    is_bar = (stretch <= zero_rate * size_e) & (size_e > 0.0)
+    parts = _with_bodies(joints, motion, (_bars if d == 2 else _corners)(joints, motion, is_bar, zero_rate))
+    label, within, between = _together(joints, parts, motion, zero_rate)
     clusters = _numbered(joints, parts, label, is_bar)
     stress = np.zeros(len(joints.i_e))
     np.maximum.at(stress, joints.joint_r, np.abs(force).max(axis=1))
-    stressed = stress > tolerance
+    stressed = stress > zero_force
     counts = [
         square.shape[0]
         - (eigenvalues_below(square, (one * rank_tolerance) ** 2 * _bound(square)) if square.nnz else square.shape[0])

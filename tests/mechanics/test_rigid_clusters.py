@@ -1,11 +1,13 @@
 """Facts about rigid clusters: frameworks with known answers, counting by the pebble game, exact ranks, proofs."""
 
+import itertools
 from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.constraints.factor import link_pairs
 from packmech.contacts.network import pair_contacts
 
 HARD = pm.Repulsion(pm.LinearSpring(1.0))
@@ -142,6 +144,29 @@ def test_the_double_banana_counts_as_rigid_and_is_two_clusters_about_its_tips():
     found = pm.rigid_clusters(framework(place, sorted(banana), side=200.0))
     assert members(found) == [[0, 1, 2, 3, 4], [0, 1, 5, 6, 7]]
     assert found.rank == 17 and found.overconstrained_l.all() and found.self_held_k.all()
+
+
+def test_clusters_in_space_are_the_largest_sets_that_keep_all_their_distances():
+    """Frameworks drawn at random: distances that no motion of the dense null space changes."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(5, 11))
+        place, whole = rng.normal(size=(n, 3)), list(itertools.combinations(range(n), 2))
+        count = int(rng.integers(n, min(len(whole), 3 * n - 4) + 1))
+        packing = framework(place, [whole[k] for k in np.sort(rng.permutation(len(whole))[:count])])
+        matrix = pm.rigidity_matrix(packing.replace(links=None), "none", contacts=link_pairs(packing)).toarray()
+        value, right = np.linalg.svd(matrix)[1:]
+        motion = right[np.count_nonzero(value > 1e-9) :].reshape(-1, n, 3)
+        keeps = np.eye(n, dtype=bool)
+        for i, j in whole:
+            change = ((motion[:, j] - motion[:, i]) * (place[j] - place[i])).sum(axis=1)
+            keeps[i, j] = keeps[j, i] = np.abs(change).max() < 1e-9
+        found = pm.rigid_clusters(packing)
+        for inside in members(found):
+            assert keeps[np.ix_(inside, inside)].all(), seed
+            assert not keeps[:, inside].all(axis=1)[np.setdiff1d(np.arange(n), inside)].any(), seed
+        for i, j in zip(packing.links.i_l, packing.links.j_l, strict=True):
+            assert any({i, j} <= set(inside) for inside in members(found)), seed
 
 
 def test_counting_and_null_space_differ_where_places_are_special_and_exact_ranks_say_which_is_right():
