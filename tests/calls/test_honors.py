@@ -162,6 +162,10 @@ RESTING = {
     "dispersion": lambda scene: pm.dispersion(scene, [[0.1, 0.0], [0.5, 0.2]], points=3).frequency_km,
     "sound_speeds": lambda scene: pm.sound_speeds(scene, [1.0, 0.3]).speed_m,
     "elastic_moduli": lambda scene: pm.elastic_moduli(scene).cauchy,
+    "sensitivity": lambda scene: pm.sensitivity(scene, "pressure", "radius").gradient,
+    "design": lambda scene: (
+        pm.design(scene, "pressure", "radius", at_least=1e9, bounds=(0.01, 9.0), step_limit=1, check=False).value_t
+    ),
     "quartic_modes": lambda scene: pm.quartic_modes(with_shapes(scene)).curvature_m,
     "stiffness_matrix": lambda scene: pm.stiffness_matrix(scene, "none").toarray(),
     "frictional_modes": lambda scene: pm.frictional_modes(scene).eigenvalue_m,
