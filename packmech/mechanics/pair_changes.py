@@ -21,7 +21,15 @@ from numpy.typing import NDArray
 from packmech.contacts.elements import Elements, elements_of
 from packmech.contacts.network import Candidates, Contacts, pair_contacts
 from packmech.contacts.shape_contacts import ShapeContacts, shape_contacts
-from packmech.effects import Bonds, LinearSpring, bonded_pairs, contact_terms
+from packmech.contacts.tangential_elements import tangential_elements
+from packmech.effects import (
+    Bonds,
+    LinearSpring,
+    at_contact,
+    bonded_pairs,
+    contact_terms,
+    friction_or_zero,
+)
 from packmech.mechanics.network import Network
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -114,11 +122,21 @@ class ContactPairs:
         Their elements at rest.
     smooth
         Whether what is asked for does not end where particles part, as distances do not.
+    tangential_cd
+        (C, d) tangential forces on particle i of contacts that stick [force]; None without friction.
 
     """
 
-    def __init__(self, scene: Scene, network: Network, own: Elements, *, smooth: bool = False) -> None:
-        self._smooth = smooth
+    def __init__(
+        self,
+        scene: Scene,
+        network: Network,
+        own: Elements,
+        *,
+        smooth: bool = False,
+        tangential_cd: NDArray[np.float64] | None = None,
+    ) -> None:
+        self._smooth, self._tangential = smooth, tangential_cd
         self.scene, self.own, self.contacts = scene, own, network.contacts
         self.i_c, self.j_c = own.i_c, own.j_c
         packing = network.packing
@@ -162,8 +180,26 @@ class ContactPairs:
     def at(self, change: Change, steps: float) -> Elements:
         """Return the elements after so many steps."""
         contacts = self.geometry(change, steps)
-        terms = contact_terms(self.scene.effects if change.effects is None else change.effects(steps), contacts)
-        return elements_of(contacts, terms.first_c, terms.second_c)
+        effects = self.scene.effects if change.effects is None else change.effects(steps)
+        terms = contact_terms(effects, contacts)
+        if self._tangential is None:
+            return elements_of(contacts, terms.first_c, terms.second_c)
+        friction = at_contact(
+            friction_or_zero(effects), terms.second_c * contacts.push_c**2, 0.0, contacts.kinds_c
+        )  # fmt: skip
+        radius = self._radius if change.radius_c2 is None else self._radius + steps * change.radius_c2.T.ravel()
+        force = self._tangential
+        if change.move_cx is not None:
+            force = force + steps * self._tangential_change(change.move_cx)
+        return tangential_elements(contacts, radius, terms.first_c, terms.second_c, force, friction.stiffness)[0]
+
+    def _tangential_change(self, move_cx: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the (C, d) change of tangential forces with a motion: that of the pulls, less the normal forces'."""
+        d = self.own.vector_cd.shape[1]
+        terms = contact_terms(self.scene.effects, self.contacts)
+        normal = elements_of(self.contacts, terms.first_c, terms.second_c).stiffness_cxx[:, :d]
+        whole = np.einsum("cax,cx->ca", self.own.stiffness_cxx[:, :d], move_cx)
+        return np.asarray(whole - np.einsum("cax,cx->ca", normal, move_cx[:, : normal.shape[2]]))
 
     def energies(self, change: Change, steps: float) -> NDArray[np.float64]:
         """Return the (C,) energies after so many steps [energy]."""

@@ -16,13 +16,15 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from packmech.contacts.elements import Elements
-from packmech.effects import bonds_of
+from packmech.effects import Friction, acting_friction, bonds_of
 from packmech.linalg.mandel import mandel_basis
 from packmech.mechanics.elasticity import Average, cauchy_tangent, reuss_average, voigt_average
+from packmech.mechanics.frictional import frictional_network, frictional_system
 from packmech.mechanics.modes import normal_modes
 from packmech.mechanics.pair_changes import BondPairs, Change, ContactPairs, LinkPairs, Pairs, difference
-from packmech.mechanics.relaxation import factored
-from packmech.mechanics.system import system_of
+from packmech.mechanics.relaxation import factored, general_factors
+from packmech.mechanics.system import System, system_of
+from packmech.packing import without_springs
 from packmech.scene import Scene
 
 # figures of the Hill average
@@ -54,8 +56,38 @@ class Figure(NamedTuple):
     gyration_nk: NDArray[np.float64]
     residual: float
     solves: int
+    # motions on the left of the stiffness, where friction makes it other than symmetric
+    left_enq: NDArray[np.float64] | None = None
     # whether it is a frequency, along whose mode turns are carried along by their particles
     vibrates: bool = False
+
+
+def _sticking(scene: Scene) -> tuple[System, NDArray[np.float64]]:
+    """Return the stiffness of a frictional packing whose contacts all stick, and their (C, d) tangential forces."""
+    if bonds_of(scene.effects) is not None or scene.packing.links:
+        raise ValueError(
+            "scene must hold no bonds or links beside friction for pm.sensitivity: leave the friction out with "
+            "scene.without(pm.Friction)"
+        )
+    found = frictional_network(scene, "remove")
+    at_limit = int(np.count_nonzero(found.at_limit_sc))
+    if at_limit:
+        raise ValueError(
+            f"scene must hold no contacts at the Coulomb limit, which slide one way and stick the other, got {at_limit}"
+        )
+    system, _ = frictional_system(scene, found, "exact", found.sliding("stick"))
+    return system, found.forces.tangential_cd
+
+
+def _solve_general(
+    factor: Any, matrix: sp.csr_array, right: NDArray[np.float64], transposed: bool
+) -> tuple[NDArray[np.float64], float]:
+    """Return the solution with a matrix that is not symmetric, or its transpose, refined once, and what is left."""
+    trans, used = ("T", matrix.T) if transposed else ("N", matrix)
+    right = np.ascontiguousarray(right)
+    found = factor.solve(right, trans)
+    found = found + factor.solve(np.ascontiguousarray(right - used @ found), trans)
+    return found, float(np.abs(right - used @ found).max(initial=0.0))
 
 
 class Rest:
@@ -63,13 +95,18 @@ class Rest:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.packing = scene, scene.packing
-        self.system = system_of(scene)
+        tangential = None
+        self.rough = acting_friction(scene.effects) is not None
+        if self.rough:
+            self.system, tangential = _sticking(scene)
+        else:
+            self.system = system_of(scene.without(Friction).replace(packing=without_springs(scene.packing)))
         self.network = network = self.system.network
         self.d = network.dimension
         elements = list(self.system.elements)
         self.pairs: list[Pairs] = []
         if len(network.contacts):
-            self.pairs.append(ContactPairs(scene, network, elements[0]))
+            self.pairs.append(ContactPairs(scene, network, elements[0], tangential_cd=tangential))
         bonds = bonds_of(scene.effects)
         if bonds is not None and len(network.interactions):
             self.pairs.append(BondPairs(bonds, network, elements[1]))
@@ -93,18 +130,21 @@ class Rest:
         return self.packing.box.volume
 
     @functools.cached_property
-    def _solver(self) -> Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], float]]:
+    def _solver(self) -> Callable[[NDArray[np.float64], bool], tuple[NDArray[np.float64], float]]:
         pinned = self.network.pinned_f
         matrix = self.system.matrix(pinned)
+        if self.rough:
+            return functools.partial(_solve_general, general_factors(matrix), matrix)
         if self.links is None:
-            return factored(matrix).solve
+            symmetric = factored(matrix)
+            return lambda right, transposed: symmetric.solve(right)
         rows = self.network.link_rows[0][:, pinned]
         unit = float(abs(matrix).max()) or 1.0
         whole = sp.csc_array(sp.block_array([[matrix, unit * rows.T], [unit * rows, None]], format="csc"))
         factor = spla.splu(whole)
         scale = np.concatenate([np.ones(matrix.shape[0]), np.full(rows.shape[0], unit)])[:, None]
 
-        def solve(right: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        def solve(right: NDArray[np.float64], transposed: bool) -> tuple[NDArray[np.float64], float]:
             load = right * scale
             found = factor.solve(load)
             found += factor.solve(load - whole @ found)
@@ -112,12 +152,17 @@ class Rest:
 
         return solve
 
-    def solve(self, right_nqm: NDArray[np.float64], length_lm: NDArray[np.float64]) -> tuple[Any, Any, float]:
-        """Return motions and link forces that balance forces and change links as asked for, and what is left."""
+    def solve(
+        self, right_nqm: NDArray[np.float64], length_lm: NDArray[np.float64], *, transposed: bool = False
+    ) -> tuple[Any, Any, float]:
+        """Return motions and link forces that balance forces and change links as asked for, and what is left.
+
+        With friction the stiffness is not symmetric, and adjoints solve with its transpose.
+        """
         pinned = self.network.pinned_f
         flat = right_nqm.reshape(pinned.size, -1)
         right = np.concatenate([flat[pinned], length_lm])
-        found, left = self._solver(right)
+        found, left = self._solver(right, transposed)
         motion = np.zeros_like(flat)
         motion[pinned] = found[: int(pinned.sum())]
         largest = float(np.abs(right).max(initial=0.0))
@@ -178,26 +223,25 @@ def _entry(matrix_ee: NDArray[np.float64], indices: str, d: int) -> float:
 def _weights(
     name: str, energy_ee: NDArray[np.float64], stress_dd: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the derivatives of a figure by the entries of stiffness and stress, both symmetric."""
+    """Return the derivatives of a figure by the entries of stiffness and stress."""
     tangent = cauchy_tangent(energy_ee, stress_dd)
     # averages of the inverse change over the size of the smallest stiffness
     sizes = np.abs(np.linalg.eigvalsh(tangent + tangent.T)) / 2.0
     scale = float(sizes.min() if name in _AVERAGES else sizes.max()) or 1.0
 
-    def symmetric(size: int, at: Callable[[NDArray[np.float64]], float]) -> NDArray[np.float64]:
+    def slopes(size: int, at: Callable[[NDArray[np.float64]], float]) -> NDArray[np.float64]:
         found = np.zeros((size, size))
         for a in range(size):
-            for b in range(a + 1):
+            for b in range(size):
                 one = np.zeros((size, size))
-                one[a, b] += 0.5 * scale * _OF_STIFFNESS
-                one[b, a] += 0.5 * scale * _OF_STIFFNESS
+                one[a, b] = scale * _OF_STIFFNESS
                 slope = difference(lambda t, one=one: np.array([at(t * one)]))[0]  # type: ignore[misc]
-                found[a, b] = found[b, a] = float(slope[0]) / (scale * _OF_STIFFNESS)
+                found[a, b] = float(slope[0]) / (scale * _OF_STIFFNESS)
         return found
 
     return (
-        symmetric(len(energy_ee), lambda change: _moduli(name, energy_ee + change, stress_dd)),
-        symmetric(len(stress_dd), lambda change: _moduli(name, energy_ee, stress_dd + change)),
+        slopes(len(energy_ee), lambda change: _moduli(name, energy_ee + change, stress_dd)),
+        slopes(len(stress_dd), lambda change: _moduli(name, energy_ee, stress_dd + change)),
     )
 
 
@@ -222,18 +266,24 @@ def figure_of(rest: Rest, of: str, mode: int) -> Figure:
     whole = np.ones(network.free_f.size, dtype=bool)
     column = system.column(whole).reshape(*shape, s)
     motion, force, left = rest.solve(-column, -rest.affine().T)
-    relief = np.einsum("nqe,nqf->ef", -column, motion)
+    row, other = column, None
+    if rest.rough:
+        row = system.row(whole).T.reshape(*shape, s)
+        left_motion, _, also = rest.solve(-row, -rest.affine().T, transposed=True)
+        left, other = max(left, also), np.moveaxis(left_motion, 2, 0)
+    relief = np.einsum("nqe,nqf->ef", -row, motion)
     if links:
         relief -= rest.affine() @ force
     energy = (system.corner - relief) / rest.volume
-    energy = 0.5 * (energy + energy.T)
+    if not rest.rough:
+        energy = 0.5 * (energy + energy.T)
     tangent = cauchy_tangent(energy, stress)
     if of in _AVERAGES and np.linalg.eigvalsh(tangent + tangent.T)[0] <= 0.0:
         raise ValueError(f"scene must be stable to all strains for of={of!r}, which is an average over them")
     weight, across = _weights(of, energy, stress)
     return Figure(
         _moduli(of, energy, stress), weight, across, 0.0, np.moveaxis(motion, 2, 0), force.T, mandel_basis(d),
-        rest.volume, *still, left, s,
+        rest.volume, *still, left, s if other is None else 2 * s, other,
     )  # fmt: skip
 
 
@@ -267,5 +317,5 @@ def _frequency(rest: Rest, mode: int) -> Figure:
     weight = np.full((1, 1), 0.5 / frequency)
     return Figure(
         frequency, weight, np.zeros((d, d)), 0.0, motion[None], force, np.zeros((1, d, d)), 1.0,
-        -0.5 * frequency * part.sum(axis=1), -frequency * part[:, d:], modes.residual, 0, True,
+        -0.5 * frequency * part.sum(axis=1), -frequency * part[:, d:], modes.residual, 0, vibrates=True,
     )  # fmt: skip

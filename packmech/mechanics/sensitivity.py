@@ -28,7 +28,7 @@ from packmech.calls.status import shown_as
 from packmech.check import brief, instance, integer, one_of
 from packmech.contacts.elements import Elements, sum_slopes
 from packmech.contacts.shape_contacts import touching_pairs
-from packmech.effects import bonds_of
+from packmech.effects import Friction, acting_friction, bonds_of
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.measure.contact_forces import resting_forces
@@ -147,22 +147,29 @@ def _weigh(rest: Rest, figure: Figure, pairs: Pairs) -> _Weighted:
     motion_ecx = np.array(
         [rest.changes(own, one, strain) for one, strain in zip(figure.motion_enq, figure.strain_edd, strict=True)]
     ).reshape(len(weight), len(own.i_c), x)
-    quadratic = np.einsum("ef,ecx,fcy->cxy", weight, motion_ecx, motion_ecx, optimize=True)
+    left_ecx = motion_ecx
+    if figure.left_enq is not None:
+        both = zip(figure.left_enq, figure.strain_edd, strict=True)
+        left_ecx = np.array([rest.changes(own, one, strain) for one, strain in both])
+    quadratic = np.einsum("ef,ecx,fcy->cxy", weight, left_ecx, motion_ecx, optimize=True)
     linear = np.zeros_like(own.pull_cx)
     linear[:, :d] = own.vector_cd @ figure.stress_dd.T / volume
-    slope = np.einsum("cxy,cy->cx", own.stiffness_cxx, linear) + figure.energy * own.pull_cx
+    slope = np.einsum("cxy,cx->cy", own.stiffness_cxx, linear) + figure.energy * own.pull_cx
     slope[:, :d] += own.pull_cx[:, :d] @ figure.stress_dd / volume
     force = np.zeros(len(own.i_c))
     if len(weight):
         stiff_ecx = np.einsum("cxy,ecy->ecx", own.stiffness_cxx, motion_ecx)
+        turned_ecx = stiff_ecx if left_ecx is motion_ecx else np.einsum("cxy,ecx->ecy", own.stiffness_cxx, left_ecx)
         if isinstance(pairs, LinkPairs):
             normal, bend = pairs.pairs.normal_cd, pairs.pairs.curvature_cxx
-            mixed_el = weight @ figure.link_el
+            mixed_el = 0.5 * (weight + weight.T) @ figure.link_el
             slope[:, :d] += 2.0 * np.einsum("ec,cab,ecb->ca", mixed_el, bend, motion_ecx[:, :, :d], optimize=True)
             stiff_ecx = stiff_ecx.copy()
             stiff_ecx[:, :, :d] += figure.link_el[:, :, None] * normal
+            turned_ecx = stiff_ecx
             force = np.einsum("cab,cab->c", bend, quadratic[:, :d, :d])
-        slope[:, :d] += 2.0 * np.einsum("ef,eba,fcb->ca", weight, figure.strain_edd, stiff_ecx[:, :, :d], optimize=True)
+        for each, sides in ((weight, stiff_ecx), (weight.T, turned_ecx)):
+            slope[:, :d] += np.einsum("ef,eba,fcb->ca", each, figure.strain_edd, sides[:, :, :d], optimize=True)
         slope += _third(rest, pairs, quadratic)
         if figure.vibrates and d == 3 and own.rotations:
             for part in (slice(d, d + 3), slice(d + 3, d + 6)):
@@ -253,7 +260,7 @@ class _Response:
         self.adjoint_nq, self.adjoint_l = np.zeros_like(slope), np.zeros(len(length))
         # the energy is stationary: its adjoint is nothing
         if not figure.energy and network.pinned_f.any():
-            adjoint, force, left = rest.solve(slope[:, :, None], length)
+            adjoint, force, left = rest.solve(slope[:, :, None], length, transposed=True)
             self.adjoint_nq, self.adjoint_l = adjoint[:, :, 0], force[:, 0]
             self.solves, self.residual = self.solves + 1, max(self.residual, left)
         self.linear = [one.linear_cx - rest.changes(one.pairs.own, self.adjoint_nq, None) for one in self.weighted]
@@ -290,10 +297,10 @@ class _Response:
 
     def by_law(self) -> tuple[NDArray[np.float64], tuple[str, ...]]:
         """Return the derivatives by all numbers of the effects of touching pairs, and their names."""
-        effects, names, slopes = self.rest.scene.effects, [], []
+        effects, names, slopes, rough = self.rest.scene.effects, [], [], self.rest.rough
         at = [k for k, one in enumerate(self.weighted) if isinstance(one.pairs, ContactPairs)]
         for m, one in enumerate(effects):
-            if not hasattr(type(one), "pair_energy"):
+            if not hasattr(type(one), "pair_energy") and not (rough and isinstance(one, Friction)):
                 continue
             for name, place, value in _numbers_in(one):
                 step = _OF_NUMBERS * (abs(value) or 1.0)
@@ -444,6 +451,11 @@ def _check_names(scene: Scene, of: str, to: str) -> None:
                 f"to must not be 'exponent' where exponents are {_ROUND:g}, the lowest that there are, got "
                 f"{shapes.exponent_n[n]:g} for particle {n}"
             )
+    if acting_friction(scene.effects) is not None and of in ("energy", "frequency", "packing_fraction"):
+        raise ValueError(
+            f"of must not be {of!r} for a scene with friction, whose forces derive from no energy: leave it out with "
+            "scene.without(pm.Friction)"
+        )
     if of == "packing_fraction" and to not in ("radius", "link_length", "aspect", "exponent"):
         raise ValueError(
             "to must be 'radius', 'link_length', 'aspect' or 'exponent' for of='packing_fraction', which is that of "
@@ -452,12 +464,16 @@ def _check_names(scene: Scene, of: str, to: str) -> None:
 
 
 @shown_as("derivatives of a packing")
-@honors("repulsion kinds bonds links shapes", at_rest=True)
+@honors("repulsion kinds friction bonds links shapes", at_rest=True)
 def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity:
     """Return the derivatives of one figure of a packing at rest by all numbers of one kind, for the price of a solve.
 
     They are those of packings that come to rest anew in their box, with the same contacts, as one number changes:
     an adjoint solve on the factored stiffness takes the motion into account, however many numbers there are.
+
+    With friction contacts stick, each with its spring as it stands: a number changes at first with forces of springs as
+    they are, and springs grow by the slip on the way to rest (`stiffness_matrix`). Pressure, stress and moduli have
+    derivatives then; factors on contacts scale both forces, and numbers of the law are those of `Friction`, too.
 
     Parameters
     ----------
@@ -487,8 +503,8 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity
     ------
     TypeError, ValueError
         If an argument is of the wrong kind, a name is unknown, the scene is not at rest (a net force above 1e-2 of the
-        mean contact force), contacts just touch, where stiffnesses jump (but for packing fractions), or the mode is
-        degenerate.
+        mean contact force), contacts just touch, where stiffnesses jump (but for packing fractions), or are at the
+        Coulomb limit, or the mode is degenerate.
 
     Examples
     --------
