@@ -1,4 +1,4 @@
-"""Derivatives of frictional packings are central differences of rests that numpy alone finds anew, contacts sticking."""
+"""Derivatives of frictional packings are central differences of rests that numpy alone finds anew."""
 
 import functools
 
@@ -109,3 +109,6 @@ def test_frictional_figures_without_an_energy_are_refused():
     )
     with pytest.raises(ValueError, match="must hold no contacts at the Coulomb limit|scene must be at rest"):
         pm.sensitivity(sliding, "pressure", "radius")
+    bonded = loaded().replace(effects=(*loaded().effects, pm.bond_contacts(loaded().packing)))
+    with pytest.raises(ValueError, match="scene must hold no bonds or links beside friction"):
+        pm.sensitivity(bonded, "pressure", "radius")
