@@ -218,6 +218,10 @@ from packmech.mechanics.elasticity import compliance_matrix as compliance_matrix
 from packmech.mechanics.hessian import perturbation_energy as perturbation_energy
 from packmech.mechanics.complex_modulus import complex_modulus as complex_modulus
 from packmech.mechanics.complex_modulus import ComplexModulus as ComplexModulus
+from packmech.mechanics.sensitivity import sensitivity as sensitivity
+from packmech.mechanics.sensitivity import Sensitivity as Sensitivity
+from packmech.protocols.design import design as design
+from packmech.protocols.design import Design as Design
 from packmech.protocols.cement import cement as cement
 from packmech.protocols.cement import Cementing as Cementing
 from packmech.measure.signals import yield_strain as yield_strain
@@ -414,6 +418,8 @@ from packmech.jit.compiled import kernel as kernel
 
 #: shear_modulus, bulk_modulus, young_modulus, poisson_ratio, elastic_constants, elasticity -> elastic_moduli
 #: stiffness_tensor -> elastic_moduli
+#: derivative, gradient, adjoint, differentiate -> sensitivity
+#: optimize, inverse_design, auxetic, pruning, tune -> design
 #: storage_modulus, loss_modulus, viscoelasticity -> complex_modulus, oscillatory_shear
 #: hessian_matrix -> hessian
 #: number_of_modes, inertia, sylvester, integrated_density -> count_modes

@@ -650,6 +650,16 @@ BAD = {
     "smallest_drop": [one for one in POSITIVE if one is not None],
     "soft_spots.count": [0, -1, 1.5, "2", 1000],
     "soft_spots.particles": [0, -1, 1.5, "2", 1000],
+    # derivatives and designs
+    "of": CHOICE,
+    "to": CHOICE,
+    "sensitivity.mode": [-1, 1.5, "2", None, True],
+    "objective": [*CHOICE, lambda scene: (NAN, np.zeros(3))],
+    "design.by": CHOICE,
+    "at_least": [NAN, "1", None, True, [1.0]],
+    "at_most": [NAN, "1", True, [1.0], 0.5],
+    "bounds": [None, 3, (0.1,), (0.6, 1.0), (0.0, 1.0), (0.1, NAN), ("a", 1.0), ([0.1, 0.1], 1.0), (-1.0, 1.0)],
+    "design.keep": CHOICE,
     "local_strain.cutoff": [one for one in POSITIVE if one is not None],
     # fields and motion
     "coarse_grain.width": POSITIVE,

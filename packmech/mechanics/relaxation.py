@@ -78,24 +78,41 @@ def relax(system: System) -> RelaxedStrains:
     return RelaxedStrains(relief, negative, floppy, left / push if push else 0.0, motion)
 
 
-def _solve(matrix: sp.csr_array, right: NDArray[np.float64]) -> tuple[NDArray[np.float64], int, int, float]:
-    """Return the solution of a symmetric system, negative and zero eigenvalues, and what is left unbalanced."""
-    floppy = 0
+class Factored(NamedTuple):
+    """A symmetric system, factored once: what it is like, and its factors, shifted where it is singular."""
+
+    matrix: sp.csr_array
+    factor: Any
+    negative: int
+    floppy: int
+    singular: bool
+
+    def solve(self, right: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        """Return the solution, without zero modes where there are such, and what is left unbalanced."""
+        solution = self.factor.solve(right)
+        left = right - self.matrix @ solution
+        if not self.singular:
+            return solution, float(np.abs(left).max())
+        return _refine(self.matrix, right, self.factor.solve, solution, left, gain=1.0)
+
+
+def factored(matrix: sp.csr_array) -> Factored:
+    """Return a symmetric system factored, with its negative and zero eigenvalues counted."""
     try:
         factor = factorize(matrix, kind="symmetric")
-        negative = factor.inertia.negative
-        singular = factor.inertia.zero > 0
+        if not factor.inertia.zero:
+            return Factored(matrix, factor, factor.inertia.negative, 0, False)
     except NotDefinite:
-        singular = True
-    if singular:
-        # counts by two definite shifts, then a solution without zero modes by refinement from the shifted factorization
-        factor, negative, floppy = _shifted(matrix)
-    solution = factor.solve(right)
-    left = right - matrix @ solution
-    if not singular:
-        return solution, negative, 0, float(np.abs(left).max())
-    solution, size = _refine(matrix, right, factor.solve, solution, left, gain=1.0)
-    return solution, negative, floppy, size
+        pass
+    # counts by two definite shifts, then a solution without zero modes by refinement from the shifted factorization
+    return Factored(matrix, *_shifted(matrix), True)
+
+
+def _solve(matrix: sp.csr_array, right: NDArray[np.float64]) -> tuple[NDArray[np.float64], int, int, float]:
+    """Return the solution of a symmetric system, negative and zero eigenvalues, and what is left unbalanced."""
+    system = factored(matrix)
+    solution, left = system.solve(right)
+    return solution, system.negative, system.floppy, left
 
 
 def _solve_general(matrix: sp.csr_array, right: NDArray[np.float64]) -> tuple[NDArray[np.float64], int, int, float]:

@@ -1,0 +1,65 @@
+"""Design a network that grows wide when pulled, sizes that jam denser, and masses that leave a gap of frequencies.
+
+    python recordings/design/design.py FOLDER
+
+Writes design.png: what each design began with and arrived at, for three seeds; prints its figures.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+import packmech as pm
+
+REPULSION = (pm.Repulsion(law=pm.Harmonic()),)
+MODE = 20
+
+
+def dense(seed: int, particles: int = 64) -> pm.Scene:
+    """Return a packing at rest well above jamming."""
+    start = pm.random_packing(particles, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.96, seed=seed)
+    scene = pm.Scene(start.replace(mass_n=np.ones(particles)), REPULSION)
+    return scene.replace(packing=pm.quench(scene, force_tolerance=1e-12).packing)
+
+
+def network(seed: int) -> pm.Scene:
+    """Return slack springs where discs touch, and points in their place."""
+    packing = dense(seed).packing
+    bonds = pm.bond_contacts(packing, rest="distance", tangential_stiffness=0.0)
+    return pm.Scene(packing.replace(radius_n=0.1 * packing.radius_n), (*REPULSION, bonds))
+
+
+def gap(scene: pm.Scene) -> tuple[float, np.ndarray]:
+    """Return the gap between two neighboring frequencies, and its derivatives by the masses."""
+    low, high = (pm.sensitivity(scene, "frequency", "mass", mode=mode) for mode in (MODE - 1, MODE))
+    return high.value - low.value, high.gradient - low.gradient
+
+
+def design(folder: Path) -> None:
+    """Write the figure."""
+    figure, axes = plt.subplots(1, 3, figsize=(12.0, 3.6), layout="constrained")
+    for seed in (1, 2, 3):
+        sizes = np.random.default_rng(seed).uniform(0.4, 0.7, 32)
+        loose = pm.random_packing(32, dimension=2, packing_fraction=0.8, seed=seed).replace(radius_n=sizes)
+        runs = (
+            pm.design(network(seed), "poisson_ratio", "bonds", at_most=-0.5),
+            pm.design(pm.Scene(loose, REPULSION), "packing_fraction", "radius", at_least=0.88, bounds=(0.35, 0.8),
+                      keep="mean and deviation"),
+            pm.design(dense(seed, 24), gap, "mass", at_least=0.2, bounds=(0.25, 4.0)),
+        )  # fmt: skip
+        for axis, run in zip(axes, runs, strict=True):
+            print(run)
+            axis.plot(run.value_t, ".-", label=f"seed {seed}")
+            axis.axhline(run.goal, color="black", linewidth=0.8, linestyle=":")
+    for axis, name in zip(axes, ("Poisson ratio", "packing fraction at jamming", "gap of frequencies"), strict=True):
+        axis.set(xlabel="packings made", ylabel=name)
+    axes[0].legend()
+    figure.savefig(folder / "design.png", dpi=120)
+
+
+if __name__ == "__main__":
+    design(Path(sys.argv[1]))
