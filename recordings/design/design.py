@@ -32,7 +32,7 @@ def network(seed: int) -> pm.Scene:
 
 def gap(scene: pm.Scene) -> tuple[float, np.ndarray]:
     """Return the gap between two neighboring frequencies, and its derivatives by the masses."""
-    low, high = (pm.sensitivity(scene, "frequency", "mass", mode=mode) for mode in (MODE - 1, MODE))
+    low, high = (pm.sensitivity(scene, "frequency", "mass", mode=m) for m in (MODE - 1, MODE))
     return high.value - low.value, high.gradient - low.gradient
 
 
@@ -40,15 +40,14 @@ def design(folder: Path) -> None:
     """Write the figure."""
     figure, axes = plt.subplots(1, 3, figsize=(12.0, 3.6), layout="constrained")
     for seed in (1, 2, 3):
-        sizes = np.random.default_rng(seed).uniform(0.4, 0.7, 32)
-        loose = pm.random_packing(32, dimension=2, packing_fraction=0.8, seed=seed).replace(radius_n=sizes)
+        loose = pm.random_packing(32, dimension=2, packing_fraction=0.8, seed=seed)
+        hard = pm.Scene(loose.replace(radius_n=np.random.default_rng(seed).uniform(0.4, 0.7, 32)), REPULSION)
         runs = (
             pm.design(network(seed), "poisson_ratio", "bonds", at_most=-0.5),
-            pm.design(pm.Scene(loose, REPULSION), "packing_fraction", "radius", at_least=0.88, bounds=(0.35, 0.8), keep=KEEP),
+            pm.design(hard, "packing_fraction", "radius", at_least=0.88, bounds=(0.35, 0.8), keep=KEEP),
             pm.design(dense(seed, 24), gap, "mass", at_least=0.2, bounds=(0.25, 4.0)),
-        )  # fmt: skip
-        names = "Poisson ratio", "packing fraction at jamming", "gap of frequencies"
-        for axis, run, name in zip(axes, runs, names, strict=True):
+        )
+        for axis, run, name in zip(axes, runs, ("Poisson ratio", "phi_J", "gap of frequencies"), strict=True):
             print(run)
             axis.plot(run.value_t, ".-")
             axis.axhline(run.goal, color="black", linestyle=":")
