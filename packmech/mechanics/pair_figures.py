@@ -64,11 +64,6 @@ class Figure(NamedTuple):
 
 def _sticking(scene: Scene) -> tuple[System, NDArray[np.float64]]:
     """Return the stiffness of a frictional packing whose contacts all stick, and their (C, d) tangential forces."""
-    if bonds_of(scene.effects) is not None or scene.packing.links:
-        raise ValueError(
-            "scene must hold no bonds or links beside friction for pm.sensitivity: leave the friction out with "
-            "scene.without(pm.Friction)"
-        )
     found = frictional_network(scene, "remove")
     at_limit = int(np.count_nonzero(found.at_limit_sc))
     if at_limit:

@@ -451,7 +451,13 @@ def _check_names(scene: Scene, of: str, to: str) -> None:
                 f"to must not be 'exponent' where exponents are {_ROUND:g}, the lowest that there are, got "
                 f"{shapes.exponent_n[n]:g} for particle {n}"
             )
-    if acting_friction(scene.effects) is not None and of in ("energy", "frequency", "packing_fraction"):
+    rough = acting_friction(scene.effects) is not None
+    if rough and (bonds_of(scene.effects) is not None or packing.links):
+        raise ValueError(
+            "scene must hold no bonds or links beside friction for pm.sensitivity: leave the friction out with "
+            "scene.without(pm.Friction)"
+        )
+    if rough and of in ("energy", "frequency", "packing_fraction"):
         raise ValueError(
             f"of must not be {of!r} for a scene with friction, whose forces derive from no energy: leave it out with "
             "scene.without(pm.Friction)"

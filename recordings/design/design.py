@@ -2,10 +2,8 @@
 
     python recordings/design/design.py FOLDER
 
-Writes design.png: what each design began with and arrived at, for three seeds; prints its figures.
+Writes design.png, the figures of all packings on the way, for three seeds; prints what was reached.
 """
-
-from __future__ import annotations
 
 import sys
 from pathlib import Path
@@ -15,8 +13,7 @@ import numpy as np
 
 import packmech as pm
 
-REPULSION = (pm.Repulsion(law=pm.Harmonic()),)
-MODE = 20
+REPULSION, MODE, KEEP = (pm.Repulsion(law=pm.Harmonic()),), 20, "mean and deviation"
 
 
 def dense(seed: int, particles: int = 64) -> pm.Scene:
@@ -35,7 +32,7 @@ def network(seed: int) -> pm.Scene:
 
 def gap(scene: pm.Scene) -> tuple[float, np.ndarray]:
     """Return the gap between two neighboring frequencies, and its derivatives by the masses."""
-    low, high = (pm.sensitivity(scene, "frequency", "mass", mode=mode) for mode in (MODE - 1, MODE))
+    low, high = (pm.sensitivity(scene, "frequency", "mass", mode=m) for m in (MODE - 1, MODE))
     return high.value - low.value, high.gradient - low.gradient
 
 
@@ -43,21 +40,18 @@ def design(folder: Path) -> None:
     """Write the figure."""
     figure, axes = plt.subplots(1, 3, figsize=(12.0, 3.6), layout="constrained")
     for seed in (1, 2, 3):
-        sizes = np.random.default_rng(seed).uniform(0.4, 0.7, 32)
-        loose = pm.random_packing(32, dimension=2, packing_fraction=0.8, seed=seed).replace(radius_n=sizes)
+        loose = pm.random_packing(32, dimension=2, packing_fraction=0.8, seed=seed)
+        hard = pm.Scene(loose.replace(radius_n=np.random.default_rng(seed).uniform(0.4, 0.7, 32)), REPULSION)
         runs = (
             pm.design(network(seed), "poisson_ratio", "bonds", at_most=-0.5),
-            pm.design(pm.Scene(loose, REPULSION), "packing_fraction", "radius", at_least=0.88, bounds=(0.35, 0.8),
-                      keep="mean and deviation"),
+            pm.design(hard, "packing_fraction", "radius", at_least=0.88, bounds=(0.35, 0.8), keep=KEEP),
             pm.design(dense(seed, 24), gap, "mass", at_least=0.2, bounds=(0.25, 4.0)),
-        )  # fmt: skip
-        for axis, run in zip(axes, runs, strict=True):
+        )
+        for axis, run, name in zip(axes, runs, ("Poisson ratio", "phi_J", "gap of frequencies"), strict=True):
             print(run)
-            axis.plot(run.value_t, ".-", label=f"seed {seed}")
-            axis.axhline(run.goal, color="black", linewidth=0.8, linestyle=":")
-    for axis, name in zip(axes, ("Poisson ratio", "packing fraction at jamming", "gap of frequencies"), strict=True):
-        axis.set(xlabel="packings made", ylabel=name)
-    axes[0].legend()
+            axis.plot(run.value_t, ".-")
+            axis.axhline(run.goal, color="black", linestyle=":")
+            axis.set(xlabel="packings made", ylabel=name)
     figure.savefig(folder / "design.png", dpi=120)
 
 
