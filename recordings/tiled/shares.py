@@ -56,7 +56,9 @@ def main(*, packings: int = 10, out: Path = Path(__file__).parent, workers: int 
     tables, (figure, axes) = [], plt.subplots(layout="constrained", figsize=(5.0, 3.6))
     for strain, pressure in kinds:
         grid = {"particles": sizes, "strain": strain, "pressure": pressure, "seed": range(packings)}
-        rows = pm.run_ensemble(judge, grid, out / "members" / f"{strain}-{pressure:g}", workers=workers).of(grid).table()
+        rows = (
+            pm.run_ensemble(judge, grid, out / "members" / f"{strain}-{pressure:g}", workers=workers).of(grid).table()
+        )
         tables.append(rows)
         own = [rows["jammed_repeated"][(rows["particles"] == n) & (rows["jammed"] > 0.0)] for n in sizes]
         share = [one.mean() if len(one) else np.nan for one in own]
