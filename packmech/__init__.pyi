@@ -251,6 +251,8 @@ from packmech.mechanics.self_stress import states_of_self_stress as states_of_se
 from packmech.mechanics.self_stress import SelfStress as SelfStress
 from packmech.mechanics.self_stress import floppy_modes as floppy_modes
 from packmech.mechanics.self_stress import FloppyModes as FloppyModes
+from packmech.mechanics.second_order import second_order as second_order
+from packmech.mechanics.second_order import SecondOrder as SecondOrder
 
 # links
 from packmech.links import Links as Links
