@@ -17,7 +17,7 @@ HONOR = {
     "at_packing_fraction", "find_shape_contacts", "find_rattlers", "remove_rattlers", "coordination_number",
     "draw_frame", "displaced", "quench", "jam", "compress", "shear_stabilize", "sweep_pressure", "sweep_stress",
     "hessian", "dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states", "count_modes",
-    "elastic_moduli", "complex_modulus", "states_of_self_stress", "floppy_modes", "quartic_modes",
+    "elastic_moduli", "complex_modulus", "states_of_self_stress", "floppy_modes", "quartic_modes", "second_order",
     "simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "equilibrate", "amplitude_sweep",
     "bead_packing", "classify_jamming", "waves", "dispersion", "sound_speeds",
     "shear_families", "quasistatic_shear", "deform", "deform_at_rate", "cyclic_shear", "tap",

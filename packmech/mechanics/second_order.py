@@ -50,7 +50,7 @@ from packmech.packing import Packing
 from packmech.scene import Scene
 
 YES, NO, AMBIGUOUS = "yes", "no", "ambiguous"
-# eigenvalues below this part of the largest entry of the form are zero
+# eigenvalues below this part of the largest row sum of the matrix of all coordinates are zero
 _TOLERANCE = 1e-7
 # of the semidefinite program, and from how much less than the tolerance on an eigenvalue is none
 _SOLVER_TOLERANCE, _NONE = 1e-11, 0.1
@@ -375,8 +375,7 @@ class _Search:
 
     def among(self, form_kmm: NDArray[np.float64], push_ck: NDArray[np.float64], span_mr: NDArray[np.float64]) -> bool:
         """Return whether a combination of some directions was found that no state of self stress holds."""
-        scale = float(np.abs(form_kmm).max(initial=0.0)) or 1.0
-        inner = np.einsum("ma,kmn,nb->kab", span_mr, form_kmm, span_mr) / scale
+        inner = np.einsum("ma,kmn,nb->kab", span_mr, form_kmm, span_mr)
 
         def held(y: NDArray[np.float64]) -> NDArray[np.float64]:
             y = y / np.linalg.norm(y)
@@ -401,7 +400,7 @@ def _held_everywhere(form_kmm: NDArray[np.float64], push_ck: NDArray[np.float64]
     value = 0.5 * (one + other) + np.cos(angle)[:, None] * (0.5 * (one - other)) + np.sin(angle)[:, None] * mixed
     lowest = min(float(np.linalg.norm(_into_cone(each, push_ck))) for each in value)
     speed = float(np.hypot(np.linalg.norm(0.5 * (one - other)), np.linalg.norm(mixed)))
-    return lowest - speed * np.pi / _DIRECTIONS > tolerance * float(np.abs(form_kmm).max(initial=0.0))
+    return lowest - speed * np.pi / _DIRECTIONS > tolerance
 
 
 class _Stress(NamedTuple):
@@ -411,23 +410,25 @@ class _Stress(NamedTuple):
     lowest: float
     error: float
     bound: float
+    size: float
     span_mr: NDArray[np.float64]
 
 
-def _of_one(value_m: NDArray[np.float64], vector_mm: NDArray[np.float64], pulls: bool, error: float) -> _Stress:
+def _of_one(form_mm: NDArray[np.float64], pulls: bool, error: float, size: float) -> _Stress:
     """Return what the eigenvalues of the form of a single state of self stress say, of either sign where it may pull.
 
     A combination of the lowest and the highest eigenvector along which the form is zero extends where both signs do.
     """
-    low, high = float(value_m[0]), float(value_m[-1])
+    value, vector = np.linalg.eigh(form_mm)
+    low, high = float(value[0]), float(value[-1])
     sign = -1.0 if pulls and -high > low else 1.0
     lowest = low if sign > 0.0 else -high
-    span = vector_mm[:, :1]
+    span = vector[:, :1]
     if pulls and low < 0.0 < high:
-        span = (np.sqrt(high) * vector_mm[:, 0] + np.sqrt(-low) * vector_mm[:, -1])[:, None]
+        span = (np.sqrt(high) * vector[:, 0] + np.sqrt(-low) * vector[:, -1])[:, None]
     elif sign < 0.0:
-        span = vector_mm[:, -1:]
-    return _Stress(np.array([sign]), lowest, error, lowest, span)
+        span = vector[:, -1:]
+    return _Stress(np.array([sign]), lowest, error, lowest, size, span)
 
 
 def _error_of(search: _Search, size: float) -> float:
@@ -478,7 +479,8 @@ def second_order(
     gap_tolerance, rank_tolerance, basis_limit
         As in `floppy_modes`.
     tolerance
-        Smallest eigenvalue of a form, over its largest row sum or entry, that counts as positive [1].
+        Smallest eigenvalue of a form, over the largest row sum of its matrix of all coordinates, that counts as
+        positive [1].
     size_limit
         Largest number of floppy modes, and of states of self stress, of which the semidefinite program is solved; a
         single state of self stress has no such limit. Beyond it one stress, nearest to equal pushes, is tried.
@@ -513,6 +515,8 @@ def second_order(
     refuse_tangential_springs(scene.effects)
     with single_thread():
         network = _network(scene, gap_tolerance)
+        if not len(network.index_n):
+            return _nothing(scene.packing, start)
         whole = _members(network, strain)
         pushing, sure = _pushing(whole)
         members = whole.bearing(pushing)
@@ -556,14 +560,21 @@ def second_order(
     )  # fmt: skip
 
 
+def _nothing(packing: Packing, start: float) -> SecondOrder:
+    """Return the answer for a packing whose particles all rattle."""
+    nan, none = float("nan"), np.zeros(0, dtype=np.int64)
+    return SecondOrder(
+        NO, NO, NO, "all particles rattle", 0, 0, nan, nan, nan, packing.dimension, 0, 0, 0, 0, packing.particles,
+        none, none, None, None, None, None, None, nan, True, time.process_time() - start,
+    )  # fmt: skip
+
+
 def _answers(
     search: _Search, states: int, limits: tuple[int, float, float]
 ) -> tuple[tuple[str, str, str], str, _Stress | None]:
     """Return the three answers, what decided, and the best stress; the search then holds the flex."""
     members, (size_limit, basis_limit, tolerance) = search.members, limits
     rows, modes = members.rows, search.motion_xm.shape[1]
-    if not len(members.network.index_n):
-        return (NO, NO, NO), "all particles rattle", None
     if not modes:
         if search.idle.shape[0]:
             return (AMBIGUOUS,) * 3, "contacts that no state of self stress pushes, and no floppy modes", None
@@ -580,19 +591,19 @@ def _answers(
         answer = NO if found else AMBIGUOUS
         return (NO, answer, answer), "the states of self stress do not fit the memory", None
     best, forms, push = _most_stable(search, states, size_limit)
-    scale = 1.0 if forms is None else float(np.abs(forms).max(initial=0.0)) or 1.0
+    scale = best.size or 1.0
     if best.lowest - best.error > tolerance * scale:
         return (NO, YES, YES), "a state of self stress holds all floppy modes", best
     if forms is None:
         extends = search.tries(best.span_mr[:, 0])
     else:
-        extends = search.among(forms, push, best.span_mr)
+        extends = search.among(forms / scale, push, best.span_mr)
     if extends:
         return (NO, NO, NO), "a flex of second order", best
     stable = AMBIGUOUS
     if not search.idle.shape[0] and best.bound <= _NONE * tolerance * scale + best.error:
         stable = NO
-    if forms is not None and modes == 2 and states > 1 and _held_everywhere(forms, push, tolerance):
+    if forms is not None and modes == 2 and states > 1 and _held_everywhere(forms / scale, push, tolerance):
         return (NO, stable, YES), "each direction of two floppy modes has a state of self stress that holds it", best
     known = "no state of self stress holds all floppy modes" if stable == NO else "no stress that holds was found"
     return (NO, stable, AMBIGUOUS), f"{known}, and no flex was found", best
@@ -610,21 +621,21 @@ def _most_stable(
         if contacts:
             stress *= np.sign(push.sum())
         form, size = members.form(stress[:, 0], motion)
-        error = _error_of(search, size)
-        return _of_one(*np.linalg.eigh(form), not contacts, error), form[None], push
+        return _of_one(form, not contacts, _error_of(search, size), size), form[None], push
     if max(states, motion.shape[1]) <= size_limit:
         both = [members.form(one, motion) for one in stress.T]
         forms = np.array([form for form, _ in both])
         found = most_definite(forms, push, _SOLVER_TOLERANCE)
         value, vector = np.linalg.eigh(found.weight_mm)
-        error = _error_of(search, sum(size for _, size in both))
+        size = float(np.linalg.norm([size for _, size in both]))
         span = vector[:, value > _EXTENDED * value[-1]]
-        return _Stress(found.share_k, found.lowest, error, max(found.bound, found.lowest), span), forms, push
+        bound = max(found.bound, found.lowest)
+        return _Stress(found.share_k, found.lowest, _error_of(search, size), bound, size, span), forms, push
     # pushes, or pulls of bars, as equal as they can be in balance
     share = push.sum(axis=0) if contacts else stress.sum(axis=0)
     share = share / (float(np.linalg.norm(share)) or 1.0)
     form, size = members.form(stress @ share, motion)
-    best = _of_one(*np.linalg.eigh(form), not contacts, _error_of(search, size))
+    best = _of_one(form, not contacts, _error_of(search, size), size)
     proper = not contacts or (push @ share).min() >= 0.0
     lowest = best.lowest if proper else -np.inf
     return best._replace(share_k=best.share_k[0] * share, lowest=lowest, bound=np.inf), None, push

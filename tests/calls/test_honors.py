@@ -136,6 +136,10 @@ def with_shapes(scene):
     return scene.replace(packing=scene.packing.replace(shapes=pm.Spheroids(np.full(n, 1.1), np.eye(2)[[0] * n])))
 
 
+def _members_and_modes(found):
+    return [found.contacts, found.bonds, found.links, found.floppy_modes, found.self_stresses]
+
+
 RESTING = {
     "energy": pm.energy,
     "forces": pm.forces,
@@ -164,6 +168,7 @@ RESTING = {
     "sound_speeds": lambda scene: pm.sound_speeds(scene, [1.0, 0.3]).speed_m,
     "elastic_moduli": lambda scene: pm.elastic_moduli(scene).cauchy,
     "quartic_modes": lambda scene: pm.quartic_modes(with_shapes(scene)).curvature_m,
+    "second_order": lambda scene: _members_and_modes(pm.second_order(scene)),
     "stiffness_matrix": lambda scene: pm.stiffness_matrix(scene, "none").toarray(),
     "frictional_modes": lambda scene: pm.frictional_modes(scene).eigenvalue_m,
     "compliance_matrix": lambda scene: pm.compliance_matrix(scene),
@@ -447,7 +452,7 @@ def test_laws_by_kinds_change_every_call_at_rest_that_honors_them():
     # there are no links and walls here; what is at rest stays there, and no weight presses it
     still = {"link_tension", "wall_contacts", "torques", "forces", "quench", "settle", "classify_jamming"}
     # what strains a lattice moves its particles with the box; all pushed alike, they store nothing; and without modes
-    still |= {"compress", "deform", "perturbation_energy", "quartic_modes"}
+    still |= {"compress", "deform", "perturbation_energy", "quartic_modes", "second_order"}
     wrong = []
     for call in RESTING:
         plain, equal, mixed = (
