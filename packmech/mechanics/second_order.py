@@ -33,8 +33,9 @@ from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import STRAINS, BoxStrain, instance, integer, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT
-from packmech.contacts.elements import PairGeometry, elements_of, pair_rows
-from packmech.contacts.shape_contacts import touching_pairs
+from packmech.contacts import Contacts
+from packmech.contacts.elements import elements_of, pair_rows
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import acting_contacts, refuse_tangential_springs
 from packmech.jit.blas import single_thread
 from packmech.linalg.definite import most_definite
@@ -147,7 +148,7 @@ class _Members(NamedTuple):
     """Contacts, bonds and links of a network, and the rows of their lengths, in this order."""
 
     network: Network
-    parts: tuple[PairGeometry, ...]
+    parts: tuple[Contacts | ShapeContacts, ...]
     rows: RigidityRows
     strain: BoxStrain
 
@@ -227,7 +228,7 @@ def _network(scene: Scene, gap_tolerance: float | None) -> Network:
 def _members(network: Network, strain: BoxStrain) -> _Members:
     """Return the members of a network, with strains as columns of about the size of the others."""
     d, (particles, width) = network.dimension, network.there_nq.shape
-    parts: tuple[PairGeometry, ...] = (network.contacts, network.interactions.pairs, network.links.pairs)
+    parts: tuple[Contacts | ShapeContacts, ...] = (network.contacts, network.interactions.pairs, network.links.pairs)
     position = sp.vstack([pair_rows(one.i_c, one.j_c, one.slope_cx, network.turn_nkt, d) for one in parts])
     admitted = strain_directions(d, strain)
     side = np.concatenate([strain_columns(one) for one in parts]) @ admitted
