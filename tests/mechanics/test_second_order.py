@@ -234,10 +234,29 @@ def test_the_curvature_goes_as_one_over_the_length():
     assert abs(one.smallest_curvature / other.smallest_curvature - 3.0) < 1e-12
 
 
-def test_strains_need_stresses_without_them():
-    """Pulls hold a square lattice of bars in its box; where the box follows them nothing holds its shear."""
+def test_equal_pulls_hold_a_square_lattice_by_the_wave_that_turns_its_bars_least():
+    """Of 2 n^2 pulls of size 1 in all, each 1 / sqrt(2 n^2); rows slide by waves of 2 - 2 cos(2 pi / n)."""
+    for n in (3, 5):
+        found = pm.second_order(bonded("square", (n, n)))
+        expected = (2.0 - 2.0 * np.cos(2.0 * np.pi / n)) / np.sqrt(2.0 * n**2)
+        assert abs(found.smallest_curvature - expected) < 1e-8 and abs(found.largest_curvature - expected) < 1e-8
+
+
+def test_a_square_lattice_of_bars_shears_in_a_free_box_and_not_at_fixed_volume():
+    """Rhombi of the same sides have smaller areas, to second order; pulls hold the rest while the box stays."""
     scene = bonded("square", (3, 3))
-    fixed, free = (pm.second_order(scene, strain=strain) for strain in ("none", "free"))
-    assert fixed.self_stresses == 6 and free.self_stresses == 4
-    assert free.floppy_modes == fixed.floppy_modes + 1
-    assert fixed.second_order_rigid == "yes" and free.second_order_rigid == "no"
+    fixed, volume, free = (pm.second_order(scene, strain=strain) for strain in ("none", "isochoric", "free"))
+    assert fixed.self_stresses == 6 and volume.self_stresses == 5 and free.self_stresses == 4
+    assert fixed.floppy_modes + 1 == volume.floppy_modes == free.floppy_modes
+    assert answers(fixed) == answers(volume) == ("no", "yes", "yes") and answers(free) == ("no", "no", "no")
+    # lengths along the flex, x + s q' + s^2 q'' / 2 in a box strained alike
+    before = scene.packing.position_nd[free.j_e] - scene.packing.position_nd[free.i_e]
+    lattice = scene.packing.box.lattice_dd
+    before -= np.rint(before @ np.linalg.inv(lattice).T) @ lattice.T
+    error = []
+    for s in (1e-2, 1e-3):
+        strain = s * free.first_dd + 0.5 * s**2 * free.second_dd
+        moved = s * free.first_nq + 0.5 * s**2 * free.second_nq
+        after = before + before @ strain + moved[free.j_e] - moved[free.i_e]
+        error.append(np.abs(np.linalg.norm(after, axis=1) - np.linalg.norm(before, axis=1)).max())
+    assert error[0] < 1e-5 and error[1] < 2e-3 * error[0] + 1e-13
