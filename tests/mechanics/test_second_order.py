@@ -260,3 +260,21 @@ def test_a_square_lattice_of_bars_shears_in_a_free_box_and_not_at_fixed_volume()
         after = before + before @ strain + moved[free.j_e] - moved[free.i_e]
         error.append(np.abs(np.linalg.norm(after, axis=1) - np.linalg.norm(before, axis=1)).max())
     assert error[0] < 1e-5 and error[1] < 2e-3 * error[0] + 1e-13
+
+
+def test_a_flex_at_fixed_volume_keeps_it_to_second_order_and_opens_contacts():
+    """One disc that touches its own images: the shear of its box is the only floppy mode, and a push drives it."""
+    disc = pm.Packing([[0.5, 0.5]], [0.5], pm.Box.cubic(1.0, 2))
+    assert answers(pm.second_order(disc)) == ("yes", "yes", "yes")
+    found = pm.second_order(disc, strain="isochoric")
+    assert answers(found) == ("no", "no", "no") and found.floppy_modes == found.self_stresses == 1
+    volume, length = [], []
+    for s in (1e-1, 1e-2):
+        strain = np.eye(2) + s * found.first_dd + 0.5 * s**2 * found.second_dd
+        volume.append(np.linalg.det(strain) - 1.0)
+        length.append(np.linalg.norm(strain, axis=0) - 1.0)
+    # what is left goes as the fourth power here
+    assert 0.0 < abs(volume[0]) < 1e-4 and abs(volume[1]) < 2e-4 * abs(volume[0])
+    shear = abs(found.first_dd[0, 1])
+    # sides sqrt((1 + u)^2 + s^2 shear^2) with u = (s shear)^2 / 2, which the volume asks for
+    assert np.abs(length[1] - (1e-2 * shear) ** 2).max() < 1e-8 and shear > 0.1
