@@ -257,6 +257,8 @@ from packmech.mechanics.self_stress import floppy_modes as floppy_modes
 from packmech.mechanics.self_stress import FloppyModes as FloppyModes
 from packmech.mechanics.rigid_clusters import rigid_clusters as rigid_clusters
 from packmech.mechanics.rigid_clusters import RigidClusters as RigidClusters
+from packmech.mechanics.second_order import second_order as second_order
+from packmech.mechanics.second_order import SecondOrder as SecondOrder
 
 # links
 from packmech.links import Links as Links

@@ -18,7 +18,7 @@ HONOR = {
     "draw_frame", "displaced", "quench", "jam", "compress", "shear_stabilize", "sweep_pressure", "sweep_stress",
     "hessian", "dynamical_matrix", "perturbation_energy", "normal_modes", "density_of_states", "count_modes",
     "sensitivity", "design",
-    "elastic_moduli", "complex_modulus", "states_of_self_stress", "floppy_modes", "quartic_modes",
+    "elastic_moduli", "complex_modulus", "states_of_self_stress", "floppy_modes", "quartic_modes", "second_order",
     "simulate", "resume", "ramp_strain", "steady_shear", "creep", "oscillatory_shear", "equilibrate", "amplitude_sweep",
     "bead_packing", "classify_jamming", "rigid_clusters", "waves", "dispersion", "sound_speeds",
     "shear_families", "quasistatic_shear", "deform", "deform_at_rate", "cyclic_shear", "tap",

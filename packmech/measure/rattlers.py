@@ -198,7 +198,7 @@ def _rattling_by_links(packing: Packing, contacts: Contacts) -> NDArray[np.bool_
         pushed |= look
         column = np.flatnonzero(np.repeat(here, d))
         own = sp.csr_array(independent[:, column])
-        pushed[look] = _pushing(rows[np.flatnonzero(look)][:, column], own[np.flatnonzero(np.diff(own.indptr) > 0)])
+        pushed[look] = pushing_rows(rows[np.flatnonzero(look)][:, column], own[np.flatnonzero(np.diff(own.indptr) > 0)])
         found = _LinkedRows(rows[np.flatnonzero(pushed)], independent).moving(d) & here
         if not (found & ~rattling).any():
             break
@@ -351,7 +351,7 @@ class _LinkedRows:
         return np.asarray(np.abs(self.motions(dimension)).max(axis=1) > _STILL)
 
 
-def _pushing(push: sp.csr_array, links: sp.csr_array) -> NDArray[np.bool_]:
+def pushing_rows(push: sp.csr_array, links: sp.csr_array) -> NDArray[np.bool_]:
     """Return which rows push in some balance of pushes, none of them a pull, and of links that do either.
 
     Raises
@@ -393,7 +393,7 @@ def _backbone(contacts: Contacts, independent: sp.csr_array) -> NDArray[np.bool_
     # forces of the harmonic law, and of Hertz's
     if any(_balance_nearby(rows, overlap**power / contacts.contact_distance_c) for power in (1.0, 1.5)):
         return np.ones(len(contacts), dtype=bool)
-    return _pushing(rows.contact_cx, rows.link_lx)
+    return pushing_rows(rows.contact_cx, rows.link_lx)
 
 
 def _balance_nearby(rows: _LinkedRows, force_c: NDArray[np.float64]) -> bool:

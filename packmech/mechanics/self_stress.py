@@ -9,6 +9,7 @@ multiplier of the volume is the pressure) or "free".
 
 from __future__ import annotations
 
+import functools
 import time
 from dataclasses import dataclass
 
@@ -126,22 +127,32 @@ class FloppyModes:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class RigidityRows:
     """The rigidity matrix with admitted strains as columns of average size, one particle pinned; link rows last.
 
-    Columns of turns that there are not, those of discs among ellipses, are `absent`.
+    Columns of turns that there are not, those of discs among ellipses, are `absent`; so are those of held particles,
+    beside which none is pinned.
     """
 
-    contacts: Contacts | ShapeContacts
     matrix: sp.csr_array
-    links: int
+    contacts: int
     strain_map: NDArray[np.float64]  # (s, k): Mandel strain of a unit of each strain column
     pinned: NDArray[np.int64]
-    largest: float  # bound on the singular values
     absent: NDArray[np.int64]
+
+    @functools.cached_property
+    def largest(self) -> float:
+        """A bound on the singular values."""
+        return float(np.sqrt(abs(self.matrix.T @ self.matrix).sum(axis=0).max())) if self.matrix.shape[0] else 0.0
+
+    @property
+    def links(self) -> int:
+        """Number of rows of links."""
+        return int(self.matrix.shape[0]) - self.contacts
 
     @property
     def kept(self) -> NDArray[np.int64]:
+        """The columns that can move."""
         return np.delete(np.arange(self.matrix.shape[1]), np.concatenate([self.pinned, self.absent]))
 
     @property
@@ -151,10 +162,16 @@ class _Problem:
 
     @property
     def reduced(self) -> sp.csc_array:
+        """The matrix of these columns."""
         return sp.csc_array(self.matrix.tocsc()[:, self.kept])
 
+    @property
+    def method(self) -> str:
+        """How null spaces are found unless asked for otherwise."""
+        return "dense" if self.matrix.shape[0] * len(self.kept) <= _DENSE_ENTRIES else "sparse"
 
-def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeContacts) -> _Problem:
+
+def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeContacts) -> RigidityRows:
     dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
     turn = packing.turn_nkt
@@ -168,22 +185,19 @@ def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeCont
     matrix = sp.csr_array(sp.hstack([position, sp.csr_array(side * scale)], format="csr"))
     everything = np.ones(position.shape[1], dtype=bool)
     rows = rows_on(ConstraintFactor(packing), everything, np.ones(position.shape[1]), admitted, 1.0 / scale)
-    links = rows.shape[0]
     matrix = sp.csr_array(sp.vstack([matrix, rows], format="csr"))
     pinned = width * int(np.argmax(contacts.count_n())) + np.arange(dimension)
-    normal = abs(matrix.T @ matrix)
-    largest = float(np.sqrt(normal.sum(axis=0).max())) if matrix.shape[0] else 0.0
-    return _Problem(contacts, matrix, links, admitted * scale, pinned, largest, absent)
+    return RigidityRows(matrix, len(contacts), admitted * scale, pinned, absent)
 
 
-def _dense_rank(problem: _Problem, tolerance: float) -> tuple[int, bool, NDArray[np.float64], NDArray[np.float64]]:
+def _dense_rank(problem: RigidityRows, tolerance: float) -> tuple[int, bool, NDArray[np.float64], NDArray[np.float64]]:
     """Return rank, certainty, and the left and right null vectors of the pinned matrix as columns."""
     left, value, right = np.linalg.svd(problem.reduced.toarray(), full_matrices=True)
     ranks = [int(np.count_nonzero(value > factor * tolerance * problem.largest)) for factor in (1.0, 0.1, 10.0)]
     return ranks[0], len(set(ranks)) == 1, left[:, ranks[0] :], right[ranks[0] :].T
 
 
-def _sparse_rank(problem: _Problem, tolerance: float) -> tuple[int, bool]:
+def _sparse_rank(problem: RigidityRows, tolerance: float) -> tuple[int, bool]:
     reduced = problem.reduced
     square = sp.csc_array(reduced.T @ reduced)
     # the larger Gram matrix is A A^T, but strain columns fill it; both have the same rank
@@ -194,36 +208,38 @@ def _sparse_rank(problem: _Problem, tolerance: float) -> tuple[int, bool]:
     return ranks[0], len(set(ranks)) == 1
 
 
-def _shifted(problem: _Problem, tolerance: float) -> tuple[sp.csc_array, Factorization]:
+def shifted_square(problem: RigidityRows, tolerance: float) -> tuple[sp.csc_array, Factorization]:
+    """Return the matrix of the columns that can move, and its square, a little shifted, factored."""
     reduced = problem.reduced
     shift = (tolerance * problem.largest) ** 2
     square = reduced.T @ reduced + shift * sp.eye_array(reduced.shape[1])
     return reduced, factorize(sp.csc_array(square))
 
 
-def _orthonormal(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+def orthonormal(columns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return orthonormal columns that span what the given ones do."""
     q: NDArray[np.float64] = np.linalg.qr(columns)[0]
     return q
 
 
-def _sparse_left(problem: _Problem, tolerance: float, count: int) -> NDArray[np.float64]:
+def _sparse_left(problem: RigidityRows, tolerance: float, count: int) -> NDArray[np.float64]:
     """Return an orthonormal basis of the left null space: what is left of generic forces after balancing them."""
-    reduced, factor = _shifted(problem, tolerance)
-    state = _orthonormal(np.random.default_rng(0).normal(size=(reduced.shape[0], count)))
+    reduced, factor = shifted_square(problem, tolerance)
+    state = orthonormal(np.random.default_rng(0).normal(size=(reduced.shape[0], count)))
     for _ in range(_SWEEPS):
         unbalanced = reduced.T @ state
         if np.abs(unbalanced).max(initial=0.0) < 1e-15 * problem.largest:
             break
-        state = _orthonormal(state - reduced @ factor.solve(unbalanced))
+        state = orthonormal(state - reduced @ factor.solve(unbalanced))
     return state
 
 
-def _sparse_right(problem: _Problem, tolerance: float, count: int) -> NDArray[np.float64]:
+def _sparse_right(problem: RigidityRows, tolerance: float, count: int) -> NDArray[np.float64]:
     """Return an orthonormal basis of the right null space by inverse iteration on a block."""
-    reduced, factor = _shifted(problem, tolerance)
-    motion = _orthonormal(np.random.default_rng(0).normal(size=(reduced.shape[1], count)))
+    reduced, factor = shifted_square(problem, tolerance)
+    motion = orthonormal(np.random.default_rng(0).normal(size=(reduced.shape[1], count)))
     for _ in range(_SWEEPS):
-        motion = _orthonormal(factor.solve(motion))
+        motion = orthonormal(factor.solve(motion))
         if np.abs(reduced @ motion).max(initial=0.0) < 1e-15 * problem.largest:
             break
     return motion
@@ -237,7 +253,7 @@ def _prepare(
     tolerance: float,
     method: str,
     limit: float,
-) -> tuple[_Problem, str]:
+) -> tuple[RigidityRows, str]:
     one_of("strain", strain, STRAINS)
     one_of("method", method, METHODS)
     real("rank_tolerance", tolerance, above=0.0, below=0.1)
@@ -245,18 +261,16 @@ def _prepare(
     instance("packing", packing, Packing)
     found = contacts_of(packing, contacts, gap_tolerance)
     problem = _problem(packing, strain, found)
-    if method == "auto":
-        method = "dense" if np.prod(problem.reduced.shape) <= _DENSE_ENTRIES else "sparse"
-    return problem, method
+    return problem, problem.method if method == "auto" else method
 
 
-def _null_space(
-    problem: _Problem, method: str, tolerance: float, limit: float, *, left: bool
+def null_space(
+    problem: RigidityRows, method: str, tolerance: float, limit: float, *, left: bool
 ) -> tuple[int, bool, int, NDArray[np.float64] | None]:
     """Return rank, its certainty, and number and columns of the left or right null space; None beyond the limit."""
     rows, columns = problem.matrix.shape[0], problem.matrix.shape[1] - len(problem.absent)
     # the motions of the particle that is held are the translations
-    size, held = (rows, 0) if left else (columns, problem.contacts.dimension)
+    size, held = (rows, 0) if left else (columns, len(problem.pinned))
     basis: NDArray[np.float64] | None = None
     if not rows:
         rank, certain, basis = 0, True, np.eye(size - held)
@@ -322,13 +336,13 @@ def states_of_self_stress(
     start = time.process_time()
     with single_thread():
         problem, method = _prepare(packing, strain, contacts, gap_tolerance, rank_tolerance, method, basis_limit)
-        rank, certain, count, basis = _null_space(problem, method, rank_tolerance, basis_limit, left=True)
+        rank, certain, count, basis = null_space(problem, method, rank_tolerance, basis_limit, left=True)
         if basis is not None and problem.links and count:
             # states of size 1 on the contacts, whatever the links bear
-            _, right = np.linalg.qr(basis[: len(problem.contacts)])
+            _, right = np.linalg.qr(basis[: problem.contacts])
             basis = np.linalg.solve(right.T, basis.T).T
         residual = float("nan") if basis is None else float(np.abs(problem.matrix.T @ basis).max(initial=0.0))
-    found = len(problem.contacts)
+    found = problem.contacts
     force = None if basis is None else np.ascontiguousarray(signed_columns(basis[:found]))
     return SelfStress(
         count, found, rank - problem.links, problem.motions - problem.links, packing.dimension, force, residual,
@@ -378,7 +392,7 @@ def floppy_modes(
     with single_thread():
         problem, method = _prepare(packing, strain, contacts, gap_tolerance, rank_tolerance, method, basis_limit)
         columns, dimension, particles = problem.matrix.shape[1], packing.dimension, packing.particles
-        rank, certain, count, basis = _null_space(problem, method, rank_tolerance, basis_limit, left=False)
+        rank, certain, count, basis = null_space(problem, method, rank_tolerance, basis_limit, left=False)
         motion_xk, residual = None, float("nan")
         if basis is not None:
             motion = np.zeros((columns, count))
@@ -386,7 +400,7 @@ def floppy_modes(
             positions = columns - len(problem.strain_map.T)
             free = motion[:positions].reshape(particles, positions // particles, count)[:, :dimension]
             free -= free.mean(axis=0)
-            motion = signed_columns(_orthonormal(motion))
+            motion = signed_columns(orthonormal(motion))
             residual = float(np.abs(problem.matrix @ motion).max(initial=0.0))
             strain_ek = problem.strain_map @ motion[positions:]
             motion_xk = np.concatenate([motion[:positions], strain_ek])

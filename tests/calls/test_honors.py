@@ -136,6 +136,10 @@ def with_shapes(scene):
     return scene.replace(packing=scene.packing.replace(shapes=pm.Spheroids(np.full(n, 1.1), np.eye(2)[[0] * n])))
 
 
+def _members_and_modes(found):
+    return [found.contacts, found.bonds, found.links, found.floppy_modes, found.self_stresses]
+
+
 RESTING = {
     "energy": pm.energy,
     "forces": pm.forces,
@@ -168,6 +172,7 @@ RESTING = {
         pm.design(scene, "pressure", "radius", at_least=1e9, bounds=(0.01, 9.0), step_limit=1, check=False).value_t
     ),
     "quartic_modes": lambda scene: pm.quartic_modes(with_shapes(scene)).curvature_m,
+    "second_order": lambda scene: _members_and_modes(pm.second_order(scene)),
     "stiffness_matrix": lambda scene: pm.stiffness_matrix(scene, "none").toarray(),
     "frictional_modes": lambda scene: pm.frictional_modes(scene).eigenvalue_m,
     "compliance_matrix": lambda scene: pm.compliance_matrix(scene),
@@ -455,7 +460,7 @@ def test_laws_by_kinds_change_every_call_at_rest_that_honors_them():
     # there are no links and walls here; what is at rest stays there, and no weight presses it
     still = {"link_tension", "wall_contacts", "torques", "forces", "quench", "settle", "classify_jamming"}
     # what strains a lattice moves its particles with the box; all pushed alike, they store nothing; and without modes
-    still |= {"compress", "deform", "perturbation_energy", "quartic_modes", "rigid_clusters"}
+    still |= {"compress", "deform", "perturbation_energy", "quartic_modes", "rigid_clusters", "second_order"}
     wrong = []
     for call in RESTING:
         plain, equal, mixed = (

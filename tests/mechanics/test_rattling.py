@@ -144,10 +144,10 @@ def test_a_program_tells_which_contacts_push_only_if_it_was_solved_and_by_none_o
     monkeypatch.setattr(rattlers, "SOLVE", {"clarabel": solve, "highs": solve})
     none = sp.csr_array((0, rows.shape[1]))
     if told:
-        assert rattlers._pushing(rows, none).all()
+        assert rattlers.pushing_rows(rows, none).all()
     else:
         with pytest.raises(np.linalg.LinAlgError, match="as it is told; as it is told"):
-            rattlers._pushing(rows, none)
+            rattlers.pushing_rows(rows, none)
 
 
 def test_a_balance_shows_a_backbone_only_if_it_balances_and_pushes_everywhere():
