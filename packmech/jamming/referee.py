@@ -101,9 +101,7 @@ class _Claim:
         sigma = self.radius_n[self.pairs[0]] + self.radius_n[self.pairs[1]]
         gap = np.abs(_lengths(self.vectors(self.pairs)) / sigma - 1.0)
         if (gap > self.tolerance + 4.0 * _EPS).any():
-            raise Refused(
-                f"contact {gap.argmax()} has a gap or overlap of {gap.max():.1e}, beyond {self.tolerance:.1e}"
-            )
+            raise Refused(f"a contact has a gap or overlap of {gap.max():.1e}, beyond {self.tolerance:.1e}")
         self.touching = self.find_touching(_both_ways(self.links))
 
     def vectors(self, pairs: Pairs) -> Array:
@@ -117,11 +115,19 @@ class _Claim:
         i, j, image = (np.concatenate([one, two[direct]]) for one, two in zip(self.pairs, self.links, strict=True))
         return i, j, self.vectors((i, j, image)), direct
 
+    def check_backbone(self, left: set[int]) -> None:
+        """Refuse a backbone with particles that nothing holds, or, where there are no links, without some that are."""
+        if not left.issuperset(np.flatnonzero(self.backbone_n).tolist()):
+            raise Refused("particles of the backbone can be taken out")
+        if not len(self.links[0]) and not all(self.backbone_n[n] for n in left):
+            raise Refused("particles that are not in the backbone hold each other")
+
     def prove_jammed(self, question: str) -> tuple[float, float, float]:
         """Return the bound on singular values, the smallest weight and its error; or raise Refused."""
         d, count, kept = self.d, len(self.pairs[0]), np.flatnonzero(self.backbone_n)
         if d * len(kept) > LARGEST:
             raise Refused(f"{d * len(kept)} unknowns are more than the {LARGEST} that dense matrices are made for")
+        self.check_backbone(self.held_together())
         force = _numbers(self.held[f"{question}_force_c"], 1)
         if not len(kept) or not count or force.shape != (count,) or not (force > 0.0).all():
             raise Refused("there must be a positive force for each contact, and contacts")
@@ -131,7 +137,6 @@ class _Claim:
             if tension.shape != direct.shape or tension[~direct].any():
                 raise Refused("links to particles that rattle bear a force: not judged")
             force = np.concatenate([force, -tension[direct]])
-        # weights are whatever numbers they come out as: the rest is found for these
         weight = force / _lengths(vector) * self.unit / force[:count].mean()
         unit, pressing = Fraction(self.unit), np.inf
         push, net = _exact(weight)[:, None] * vector, np.zeros((len(self.position_nd), d), dtype=object)
@@ -144,8 +149,7 @@ class _Claim:
             volume = np.trace(stress) / d
             rest += [(2 - (a == b)) * (stress[a, b] - (a == b) * volume) for a, b in strains]
             pressing = np.inf if self.fixed_volume else float(volume)
-        matrix = self.matrix(i, j, vector.astype(np.float64) / self.unit, kept, strains)
-        least = _smallest_singular_value(matrix, len(kept), d)
+        least = _smallest_singular_value(self.matrix(i, j, vector, kept, strains), len(kept), d)
         error = float(sum(one**2 for one in rest)) ** 0.5 * (1.0 + 1e-9) / least
         smallest = float(weight[:count].min())
         if not min(smallest, pressing) > error:
@@ -154,9 +158,8 @@ class _Claim:
 
     def matrix(self, i: Array, j: Array, vector: Array, kept: Array, strains: list[tuple[int, int]]) -> Array:
         """Return M, in units of the mean diameter; entries are exact to three roundings."""
-        d, every = self.d, np.arange(len(vector))
-        place = np.full(len(self.position_nd), -1)
-        place[kept] = np.arange(len(kept))
+        d, every, vector = self.d, np.arange(len(vector)), vector.astype(np.float64) / self.unit
+        place = np.cumsum(self.backbone_n) - 1
         found = np.zeros((len(every) + bool(strains), d * len(kept) + len(strains)))
         for a in range(d):
             np.add.at(found, (every, d * place[j] + a), vector[:, a])
@@ -169,32 +172,27 @@ class _Claim:
     def prove_not_jammed(self, question: str) -> str:
         """Return what shows that particles can move; or raise Refused."""
         left = self.held_together()
-        if not self.backbone_n.any():
-            if left:
-                raise Refused(f"{len(left)} particles hold each other, but no backbone is given")
-            return "particles can be taken out one after the other until none is left"
-        if not all(self.backbone_n[n] for n in left):
-            raise Refused("particles that are not in the backbone hold each other")
+        self.check_backbone(left)
+        if not left:
+            return "particles, or linked ones as a whole, can be taken out until none is left"
         motion = _numbers(self.held[f"{question}_displacement_nd"], 2)
         strain = _numbers(self.held[f"{question}_strain_dd"], 2)
-        if motion.shape != self.position_nd.shape or strain.shape != (self.d, self.d):
-            raise Refused("a motion must have a displacement for each particle, and a strain")
+        if motion.shape != self.position_nd.shape or strain.shape != (self.d, self.d) or not self.backbone_n.any():
+            raise Refused("a motion must have a displacement for each particle, a strain, and a backbone")
         if not np.array_equal(strain, strain.T) or (strain.any() and question != "strict"):
             raise Refused("the strain must be symmetric, and zero where the box is fixed")
-        apart = np.abs(motion[self.backbone_n] - motion[self.backbone_n][0]).max()
-        length = float(np.abs(self.lattice_dd).sum())
-        size = max(float(apart), float(np.abs(strain).max()) * length)
+        apart, length = motion[self.backbone_n], float(np.abs(self.lattice_dd).sum())
+        size = max(float(np.abs(apart - apart[0]).max()), float(np.abs(strain).max()) * length)
         limit = _CLOSING * size * length / self.unit
         if not size > 0.0 or float(np.trace(strain)) > limit / self.unit:
             raise Refused("the motion must be no translation, and must not enlarge the box")
-        i, j, vector, _ = self.rows()
-        u, e = _exact(motion), _exact(strain)
+        (i, j, vector, _), u, e = self.rows(), _exact(motion), _exact(strain)
         # v . (u_j - u_i) + v . e v, exact, over the length of v
         change = (vector * (u[j] - u[i] + vector @ e.T)).sum(axis=1)
         stretch, count = change.astype(np.float64) / _lengths(vector), len(self.pairs[0])
-        closes, off = -float(stretch[:count].min(initial=0.0)), float(np.abs(stretch[count:]).max(initial=0.0))
-        if max(closes, off) > limit:
-            raise Refused(f"the motion closes a contact or stretches a link by {max(closes, off) / size:.1e} of itself")
+        closes = max(-float(stretch[:count].min(initial=0.0)), float(np.abs(stretch[count:]).max(initial=0.0)))
+        if closes > limit:
+            raise Refused(f"the motion closes a contact or stretches a link by {closes / size:.1e} of itself")
         listed = _both_ways(self.pairs)
         for one in self.touching:
             if self.backbone_n[one[0]] and self.backbone_n[one[1]] and one not in listed:
@@ -224,18 +222,20 @@ class _Claim:
         return found
 
     def held_together(self) -> set[int]:
-        """Return what is left when particles that their contacts do not hold are taken out one after the other."""
-        left = set(range(len(self.radius_n)))
-        if len(self.links[0]):
-            return set(np.flatnonzero(self.backbone_n).tolist()) if self.backbone_n.any() else left
-        around: dict[int, list[tuple[int, Array]]] = {n: [] for n in left}
+        """Return what is left when particles, or linked ones as a whole, that contacts do not hold are taken out."""
+        group, d = np.arange(len(self.radius_n)), self.d
+        while (group[self.links[0]] != group[self.links[1]]).any():
+            np.minimum.at(group, self.links[0], group[self.links[1]])
+            np.minimum.at(group, self.links[1], group[self.links[0]])
+        around: dict[int, list[tuple[int, Array]]] = {int(n): [] for n in group}
         for i, j, *image in self.touching:
             vector = self.position_nd[j] - self.position_nd[i] + self.lattice_dd @ np.array(image)
-            around[i].append((j, vector / np.sqrt(vector @ vector)))
-            around[j].append((i, -vector / np.sqrt(vector @ vector)))
-        while loose := {n for n in left if _is_loose(np.array([v for m, v in around[n] if m in left]), self.d)}:
+            around[group[i]].append((group[j], vector / np.sqrt(vector @ vector)))
+            around[group[j]].append((group[i], -vector / np.sqrt(vector @ vector)))
+        left = set(around)
+        while loose := {n for n in left if _is_loose(np.array([v for m, v in around[n] if m in left]), d)}:
             left -= loose
-        return left
+        return {n for n in range(len(group)) if group[n] in left}
 
 
 def _is_loose(normal_cd: Array, d: int) -> bool:

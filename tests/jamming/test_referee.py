@@ -311,22 +311,76 @@ def test_forged_grounds_prove_nothing(name, tmp_path, written):
     assert not found and says in str(found), str(found)
 
 
-def test_links_are_neither_stretched_nor_left_without_balance(tmp_path, written):
-    # three linked discs in a row, far from all others: they turn together, and not against each other
-    row = np.array([[1.0, 2.0], [2.0, 2.0], [3.0, 2.0]])
-    links = pm.Links([0, 1], [1, 2], [[0, 0], [0, 0]], [1.0, 1.0])
-    packing = pm.Packing(row, 0.5, pm.Box.cubic(8.0, 2), links=links)
+def test_links_are_neither_stretched_nor_left_without_balance(tmp_path):
+    # two linked discs fill a box that is two wide and one high: one moves up and the other down, and not apart
+    place = np.array([[0.5, 0.5], [1.5, 0.5]])
     arrays = {
-        "kind": "certificate of jamming", "version": 1, "position_nd": row, "radius_n": packing.radius_n,
-        "lattice_dd": packing.box.lattice_dd, "backbone_n": np.ones(3, dtype=bool), "gap_tolerance": 1e-9,
-        "strain": "free", **{f"{n}_c": np.zeros(0, dtype=int) for n in "ij"}, "image_cd": np.zeros((0, 2), dtype=int),
-        "i_l": links.i_l, "j_l": links.j_l, "image_ld": links.image_ld, "strict_verdict": "",
-        "collective_verdict": "not jammed", "collective_strain_dd": np.zeros((2, 2)),
+        "kind": "certificate of jamming", "version": 1, "position_nd": place, "radius_n": np.full(2, 0.5),
+        "lattice_dd": np.diag([2.0, 1.0]), "backbone_n": np.ones(2, dtype=bool), "gap_tolerance": 1e-9,
+        "strain": "free", "i_c": np.array([0, 1, 1]), "j_c": np.array([0, 1, 0]),
+        "image_cd": np.array([[0, 1], [0, 1], [1, 0]]), "i_l": np.array([0]), "j_l": np.array([1]),
+        "image_ld": np.zeros((1, 2), dtype=int), "strict_verdict": "", "collective_verdict": "not jammed",
+        "collective_strain_dd": np.zeros((2, 2)),
     }  # fmt: skip
-    turned, stretched = np.array([[0.0, 1.0], [0.0, 0.0], [0.0, -1.0]]), np.array([[1.0, 0.0], [0.0, 0.0], [-1.0, 0.0]])
-    assert forged(tmp_path, **arrays, collective_displacement_nd=turned)
-    found = forged(tmp_path, **arrays, collective_displacement_nd=stretched)
+    assert forged(tmp_path, **arrays, collective_displacement_nd=np.array([[0.0, 1.0], [0.0, -1.0]]))
+    found = forged(tmp_path, **arrays, collective_displacement_nd=np.array([[-1.0, 0.0], [1.0, 0.0]]))
     assert not found and "stretches a link" in str(found)
+
+
+def test_linked_discs_that_nothing_holds_are_no_backbone(tmp_path):
+    # three in a row far from all others; that their motion keeps links is no proof of what is jammed
+    row = np.array([[1.0, 2.0], [2.0, 2.0], [3.0, 2.0]])
+    none = {**{f"{n}_c": np.zeros(0, dtype=int) for n in "ij"}, "image_cd": np.zeros((0, 2), dtype=int)}
+    arrays = {
+        "kind": "certificate of jamming", "version": 1, "position_nd": row, "radius_n": np.full(3, 0.5),
+        "lattice_dd": np.diag([8.0, 8.0]), "gap_tolerance": 1e-9, "strain": "free", **none, "strict_verdict": "",
+        "i_l": np.array([0, 1]), "j_l": np.array([1, 2]), "image_ld": np.zeros((2, 2), dtype=int),
+        "collective_verdict": "not jammed", "collective_strain_dd": np.zeros((2, 2)),
+        "collective_displacement_nd": np.array([[0.0, 1.0], [0.0, 0.0], [0.0, -1.0]]),
+    }  # fmt: skip
+    assert forged(tmp_path, **arrays, backbone_n=np.zeros(3, dtype=bool))
+    found = forged(tmp_path, **arrays, backbone_n=np.ones(3, dtype=bool))
+    assert not found and "can be taken out" in str(found)
+
+
+def test_a_rattler_that_moves_says_nothing_of_the_backbone(tmp_path, written):
+    start = pm.random_packing(32, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.84, seed=3)
+    run = pm.jam(pm.Scene(start, (pm.Repulsion(),)), pressure=1e-6, strain="isotropic")
+    hard = run.report["hard_packing"]
+    held = genuine(hard, written)
+    rattler = int(np.flatnonzero(~held["backbone_n"])[0])
+    moved = np.zeros((32, 2))
+    moved[rattler] = 1.0, 0.3
+    found = forged(
+        tmp_path,
+        **held
+        | {
+            "backbone_n": held["backbone_n"] | (np.arange(32) == rattler),
+            "collective_verdict": "not jammed", "strict_verdict": "",
+            "collective_displacement_nd": moved, "collective_strain_dd": np.zeros((2, 2)),
+        },
+    )  # fmt: skip
+    assert not found and "can be taken out" in str(found)
+
+
+def test_a_part_that_is_jammed_is_no_proof_where_others_hold_each_other(tmp_path, written):
+    # a disc that touches its images, and a ring of four in its hole: these are held, and turn
+    small = (0.5**0.5 - 0.5) / (1.0 + 2.0**0.5)
+    ring = [[0.5 + small * x, 0.5 + small * y] for x, y in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    packing = pm.Packing([[0.0, 0.0], *ring], [0.5, *[small] * 4], pm.Box.cubic(1.0, 2))
+    held = genuine(packing, written)
+    assert str(held["collective_verdict"]) == "not jammed" and forged(tmp_path, **held)
+    alone = (held["i_c"] == 0) & (held["j_c"] == 0)
+    found = forged(
+        tmp_path,
+        **held
+        | {name: held[name][alone] for name in ("i_c", "j_c", "image_cd")}
+        | {
+            "backbone_n": np.arange(5) == 0, "collective_verdict": "jammed", "strict_verdict": "",
+            "collective_force_c": np.ones(int(alone.sum())),
+        },
+    )  # fmt: skip
+    assert not found and "not in the backbone hold each other" in str(found)
 
 
 def test_a_particle_is_held_where_its_normals_are_in_no_closed_half_space():
