@@ -386,7 +386,7 @@ def coincident_normal(i_c: NDArray[np.int64], j_c: NDArray[np.int64], dimension:
 
 
 @honors("links", packing_only=True, shaped="pm.find_shape_contacts", link_tolerance=ANY_LENGTH)
-def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Contacts:
+def find_contacts(packing: Packing, *, gap_tolerance: float | None = None) -> Contacts:
     """Return all touching pairs: gap <= gap_tolerance * (radius_i + radius_j), over every periodic image.
 
     Linked pairs at the link's image, and pairs within a rigid cluster, are no contacts.
@@ -397,7 +397,7 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
         The packing.
     gap_tolerance
         Largest gap relative to the contact distance [1] at which a pair counts; a negative one asks for overlap. None,
-        the default of calls that count contacts or take their stiffness: the rounding of positions in a packing whose
+        as in all calls that count contacts or take their stiffness: the rounding of positions in a packing whose
         particles overlap, and 1e-9 in one where no overlap is larger than that: a crystal or an exact packing of hard
         particles at its touching point.
 
@@ -410,7 +410,7 @@ def find_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0) -> Con
     --------
     >>> from packmech.box import Box
     >>> packing = Packing([[0.0, 0.0]], [0.5], Box([[1.0, 0.5], [0.0, 0.75**0.5]]))
-    >>> len(find_contacts(packing, gap_tolerance=1e-12))
+    >>> len(find_contacts(packing))
     3
 
     """

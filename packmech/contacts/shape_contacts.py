@@ -334,7 +334,7 @@ def _check_apart(what: str, vector_cd: NDArray[np.float64], i_c: NDArray[np.int6
 
 
 @honors("shapes", packing_only=True)
-def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = 0.0, second: bool = False) -> ShapeContacts:
+def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = None, second: bool = False) -> ShapeContacts:
     """Return all touching pairs of a packing with shapes, over every periodic image, their own among them.
 
     Parameters

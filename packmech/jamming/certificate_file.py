@@ -110,7 +110,7 @@ def write_certificate(verdict: Verdict, path: str | Path) -> None:
             f"verdict must be of contacts within a gap tolerance of 0 or more and below {referee.WIDEST:g}, which a "
             f"referee accepts, got {tolerance:g}"
         )
-    deepest = float(find_contacts(packing).overlap_c.max(initial=0.0))
+    deepest = float(find_contacts(packing, gap_tolerance=0.0).overlap_c.max(initial=0.0))
     if deepest > tolerance + 2.0 * float(np.finfo(np.float64).eps):
         raise ValueError(
             f"verdict must be of overlaps within its gap tolerance, {tolerance:.3g}, as a referee asks it, got one of "

@@ -127,7 +127,7 @@ def select_contacts(packing: Packing, gap_tolerance: float | None) -> ContactSel
         Largest gap relative to the contact distance [1], or None for the rule.
 
     """
-    overlap = find_contacts(packing).overlap_c
+    overlap = find_contacts(packing, gap_tolerance=0.0).overlap_c
     mean = float(overlap[overlap > 0].mean()) if (overlap > 0).any() else 0.0
     tolerance = max(OVERLAPS * mean, MINIMUM_GAP_TOLERANCE) if gap_tolerance is None else gap_tolerance
     rule = f"max({OVERLAPS:g} x mean overlap, {MINIMUM_GAP_TOLERANCE:g})" if gap_tolerance is None else "given"
@@ -209,7 +209,7 @@ def check_rest(packing: Packing, effects: tuple[Any, ...] | None, rest_tolerance
         effects = (Repulsion(law=Harmonic()),)
     else:
         law = ", ".join(repr(one) for one in effects)
-    contacts = find_contacts(packing)
+    contacts = find_contacts(packing, gap_tolerance=0.0)
     contacts = contacts.select(contacts.overlap_c > 0)
     terms = contact_terms(effects, contacts)
     mean = float(np.abs(terms.first_c).mean()) if len(contacts) else 0.0

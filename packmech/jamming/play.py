@@ -133,7 +133,7 @@ class Rules:
 
     def closing(self, packing: Packing) -> float:
         """Return how far the worst pair is below its floor, over the contact distance [1]; 0 when none is."""
-        contacts = find_contacts(packing)
+        contacts = find_contacts(packing, gap_tolerance=0.0)
         below = (self.floor_c(contacts) - contacts.distance_c) / contacts.contact_distance_c
         return float(below.max(initial=0.0))
 
@@ -462,7 +462,7 @@ def play_motion(
     unit = direction.size(scale)
     if unit == 0.0:
         raise ValueError("motion must move particles against each other or strain the box, got one that does neither")
-    overlapping = find_contacts(packing)
+    overlapping = find_contacts(packing, gap_tolerance=0.0)
     rules = Rules(
         strain,
         packing.box.volume,
@@ -562,7 +562,7 @@ class _Player:
         return PlayedMotion(
             tuple(self.packing_t),
             np.array(self.amplitude_t),
-            np.array([find_contacts(one).overlap_c.max(initial=0.0) for one in self.packing_t]),
+            np.array([find_contacts(one, gap_tolerance=0.0).overlap_c.max(initial=0.0) for one in self.packing_t]),
             np.array([self.rules.closing(one) for one in self.packing_t]),
             np.array([energy(Scene(one, self.effects)) for one in self.packing_t]),
             np.array([packing_fraction(one) for one in self.packing_t]),

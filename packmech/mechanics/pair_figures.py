@@ -20,9 +20,10 @@ from packmech.effects import Friction, acting_friction, bonds_of
 from packmech.linalg.mandel import mandel_basis
 from packmech.mechanics.elasticity import Average, cauchy_tangent, reuss_average, voigt_average
 from packmech.mechanics.frictional import frictional_network, frictional_system
+from packmech.mechanics.linked_systems import soft_shift
 from packmech.mechanics.modes import normal_modes
 from packmech.mechanics.pair_changes import BondPairs, Change, ContactPairs, LinkPairs, Pairs, difference
-from packmech.mechanics.relaxation import factored, general_factors
+from packmech.mechanics.relaxation import factored, general_factors, refine
 from packmech.mechanics.system import System, system_of
 from packmech.packing import without_springs
 from packmech.scene import Scene
@@ -77,12 +78,16 @@ def _sticking(scene: Scene) -> tuple[System, NDArray[np.float64]]:
 def _solve_general(
     factor: Any, matrix: sp.csr_array, right: NDArray[np.float64], transposed: bool
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the solution with a matrix that is not symmetric, or its transpose, refined once, and what is left."""
+    """Return the solution with a matrix that is not symmetric, or its transpose, refined, and what is left."""
     trans, used = ("T", matrix.T) if transposed else ("N", matrix)
-    right = np.ascontiguousarray(right)
-    found = factor.solve(right, trans)
-    found = found + factor.solve(np.ascontiguousarray(right - used @ found), trans)
-    return found, float(np.abs(right - used @ found).max(initial=0.0))
+
+    def solve(side: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(factor.solve(np.ascontiguousarray(side), trans))
+
+    if not right.size:
+        return right, 0.0
+    found = solve(right)
+    return refine(used, right, solve, found, right - used @ found, gain=0.5)
 
 
 class Rest:
@@ -129,21 +134,24 @@ class Rest:
         pinned = self.network.pinned_f
         matrix = self.system.matrix(pinned)
         if self.rough:
-            return functools.partial(_solve_general, general_factors(matrix), matrix)
+            soft = soft_shift(sp.csr_array(matrix + matrix.T) / 2.0)
+            return functools.partial(_solve_general, general_factors(matrix, soft), matrix)
         if self.links is None:
             symmetric = factored(matrix)
             return lambda right, transposed: symmetric.solve(right)
         rows = self.network.link_rows[0][:, pinned]
         unit = float(abs(matrix).max()) or 1.0
-        whole = sp.csc_array(sp.block_array([[matrix, unit * rows.T], [unit * rows, None]], format="csc"))
-        factor = spla.splu(whole)
+        whole = sp.csr_array(sp.block_array([[matrix, unit * rows.T], [unit * rows, None]], format="csr"))
+        soft = np.concatenate([soft_shift(matrix), np.zeros(rows.shape[0])])
+        try:
+            factor = spla.splu(sp.csc_array(whole))
+        except RuntimeError:
+            factor = spla.splu(sp.csc_array(whole + sp.diags_array(soft)))
         scale = np.concatenate([np.ones(matrix.shape[0]), np.full(rows.shape[0], unit)])[:, None]
 
         def solve(right: NDArray[np.float64], transposed: bool) -> tuple[NDArray[np.float64], float]:
-            load = right * scale
-            found = factor.solve(load)
-            found += factor.solve(load - whole @ found)
-            return found * scale, float(np.abs(load - whole @ found).max())
+            found, left = _solve_general(factor, whole, right * scale, False)
+            return found * scale, left
 
         return solve
 

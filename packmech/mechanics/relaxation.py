@@ -38,8 +38,16 @@ def is_symmetric(matrix: sp.csr_array) -> bool:
     return not matrix.nnz or bool(abs(matrix - matrix.T).max() <= _SYMMETRIC * abs(matrix).max())
 
 
-def general_factors(matrix: Any) -> Any:
-    """Return the LU factors of a matrix whose pattern is symmetric, with pivots on the diagonal where these will do."""
+def general_factors(matrix: Any, soft: NDArray[np.float64] | None = None) -> Any:
+    """Return the LU factors of a matrix whose pattern is symmetric, with pivots on the diagonal where these will do.
+
+    A singular one is factored with what is added to its diagonal instead, where that is given: `refine` takes it back.
+    """
+    if soft is not None:
+        try:
+            return general_factors(matrix)
+        except RuntimeError:
+            return general_factors(matrix + sp.diags_array(soft))
     symmetric = {"SymmetricMode": True}
     return spla.splu(sp.csc_array(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.01, options=symmetric)
 
@@ -93,7 +101,7 @@ class Factored(NamedTuple):
         left = right - self.matrix @ solution
         if not self.singular:
             return solution, float(np.abs(left).max())
-        return _refine(self.matrix, right, self.factor.solve, solution, left, gain=1.0)
+        return refine(self.matrix, right, self.factor.solve, solution, left, gain=1.0)
 
 
 def factored(matrix: sp.csr_array) -> Factored:
@@ -130,7 +138,7 @@ def _solve_general(matrix: sp.csr_array, right: NDArray[np.float64]) -> tuple[ND
         # stand in the way of a shifted factorization; refinement takes the shift back
         solve = general_factors(matrix + sp.diags_array(soft_shift(even))).solve
     solution = np.asarray(solve(right))
-    solution, size = _refine(matrix, right, solve, solution, right - matrix @ solution, gain=0.5)
+    solution, size = refine(matrix, right, solve, solution, right - matrix @ solution, gain=0.5)
     return solution, negative, floppy, size
 
 
@@ -150,7 +158,7 @@ def _solve_linked(
     load = np.vstack([right, system.stiffness * lengths])
     solve = spla.splu(sp.csc_array(system.exact + sp.diags_array(np.concatenate([shift, np.zeros(count)])))).solve
     solution = np.asarray(solve(load))
-    solution, size = _refine(system.exact, load, solve, solution, load - system.exact @ solution, gain=0.5)
+    solution, size = refine(system.exact, load, solve, solution, load - system.exact @ solution, gain=0.5)
     return solution, upper, lower - upper, size
 
 
@@ -162,7 +170,7 @@ def _shifted(matrix: sp.csr_array) -> tuple[Any, int, int]:
     return factor, negative, factorize(matrix - shift, kind="symmetric").inertia.negative - negative
 
 
-def _refine(
+def refine(
     matrix: sp.csr_array,
     right: NDArray[np.float64],
     solve: Any,

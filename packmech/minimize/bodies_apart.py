@@ -29,7 +29,7 @@ _TOLERANCE, _STEPS = 1e-2, 300
 
 def deep_overlaps(packing: Packing, effects: tuple[Any, ...] = ()) -> int:
     """Return the number of pairs of rigid bodies whose beads overlap deeply: some of them pass through each other."""
-    contacts = acting_contacts(find_shape_contacts(packing), effects)
+    contacts = acting_contacts(find_shape_contacts(packing, gap_tolerance=0.0), effects)
     deep = contacts.overlap_c > SHALLOW
     pairs = np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd])[deep]
     return len(np.unique(pairs, axis=0))

@@ -118,7 +118,7 @@ def settle_at_pressure(protocol: Protocol, packing: Packing, steps: int) -> Pack
 
     """
     reduced = protocol.reduced(packing)
-    if not len(contacts := find_contacts(reduced)):
+    if not len(contacts := find_contacts(reduced, gap_tolerance=0.0)):
         return packing
     sigma = contacts.contact_distance_c
     force = -protocol.units.terms(at_distances(contacts, sigma * (1.0 - _SETTLED)))[0]

@@ -389,7 +389,7 @@ def _counts_of_discs(scene: Scene, strain: BoxStrain) -> dict[str, Any]:
     linked = _links(packing, rattler_n)
     # weights and walls need no count of contacts to balance
     acting = acts_on_single(scene.effects)
-    contacts = acting_contacts(find_contacts(packing), scene.effects)
+    contacts = acting_contacts(find_contacts(packing, gap_tolerance=0.0), scene.effects)
     backbone = packing.particles - int(rattler_n.sum())
     isostatic: int | None = isostatic_contacts(backbone, packing.dimension, strain, linked.get("backbone_links", 0))
     overlap_c = -contacts.gap_c / contacts.contact_distance_c
