@@ -44,9 +44,6 @@ _PART, _SMOOTH = 0.03, 0.01
 # relative overlaps below which a contact only just touches: its law begins there
 TOUCHING = 1e-9
 
-# pulls (C, X) and stiffnesses (C, X, X), from a change of everything by so many steps
-AtSteps = Callable[[float], Elements]
-
 
 def difference(at: Callable[[float], NDArray[np.float64]]) -> tuple[NDArray[np.float64], float]:
     """Return the derivative of an array by a number at zero, per step, and a bound on its error over its largest entry.

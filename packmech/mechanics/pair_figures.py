@@ -22,6 +22,7 @@ from packmech.mechanics.elasticity import Average, cauchy_tangent, reuss_average
 from packmech.mechanics.frictional import frictional_network, frictional_system
 from packmech.mechanics.linked_systems import soft_shift
 from packmech.mechanics.modes import normal_modes
+from packmech.mechanics.network import Network
 from packmech.mechanics.pair_changes import BondPairs, Change, ContactPairs, LinkPairs, Pairs, difference
 from packmech.mechanics.relaxation import factored, general_factors, refine
 from packmech.mechanics.system import System, system_of
@@ -61,6 +62,8 @@ class Figure(NamedTuple):
     left_enq: NDArray[np.float64] | None = None
     # whether it is a frequency, along whose mode turns are carried along by their particles
     vibrates: bool = False
+    # (d, d) antisymmetric derivatives by a rotation of everything, where the figure names axes
+    turned_dd: NDArray[np.float64] | None = None
 
 
 def _sticking(scene: Scene) -> tuple[System, NDArray[np.float64]]:
@@ -90,6 +93,16 @@ def _solve_general(
     return refine(used, right, solve, found, right - used @ found, gain=0.5)
 
 
+def refuse_dependent(network: Network) -> None:
+    """Refuse links that depend on each other."""
+    dependent = len(network.links) - network.link_rows[0].shape[0]
+    if dependent:
+        raise ValueError(
+            "scene.packing must have links that do not depend on each other, as their forces are not defined, "
+            f"got {dependent} that do"
+        )
+
+
 class Rest:
     """A packing at rest: its second derivatives, factored once, and its pairs, each to be changed by itself."""
 
@@ -112,12 +125,7 @@ class Rest:
             self.pairs.append(BondPairs(bonds, network, elements[1]))
         self.links: LinkPairs | None = None
         if len(network.links):
-            gradient, _ = network.link_rows
-            if gradient.shape[0] != len(network.links):
-                raise ValueError(
-                    "scene.packing must have links that do not depend on each other, as their forces are not defined, "
-                    f"got {len(network.links) - gradient.shape[0]} that do"
-                )
+            refuse_dependent(network)
             own = elements[-1]
             tension = (own.pull_cx[:, : self.d] * network.links.pairs.normal_cd).sum(axis=1)
             self.links = LinkPairs(network, tension, own)
@@ -248,6 +256,25 @@ def _weights(
     )
 
 
+def _by_rotation(
+    weight_ee: NDArray[np.float64],
+    across_dd: NDArray[np.float64],
+    energy_ee: NDArray[np.float64],
+    stress_dd: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the (d, d) antisymmetric derivatives of a figure by a rotation that stiffness and stress follow."""
+    d = len(stress_dd)
+    basis, found = mandel_basis(d), np.zeros((d, d))
+    for a, b in zip(*np.triu_indices(d, 1), strict=True):
+        turn = np.zeros((d, d))
+        turn[a, b], turn[b, a] = 1.0, -1.0
+        spin = np.einsum("kab,mab->km", basis, turn @ basis - basis @ turn)
+        change = (weight_ee * (spin @ energy_ee - energy_ee @ spin)).sum()
+        change += (across_dd * (turn @ stress_dd - stress_dd @ turn)).sum()
+        found += 0.5 * change * turn
+    return found
+
+
 def figure_of(rest: Rest, of: str, mode: int) -> Figure:
     """Return a figure as sums over pairs."""
     system, network, d = rest.system, rest.network, rest.d
@@ -265,7 +292,10 @@ def figure_of(rest: Rest, of: str, mode: int) -> Figure:
     if of == "pressure" or len(of) == 2:
         _, across = _weights(of, np.eye(s), stress)
         value = _moduli(of, np.eye(s), stress)
-        return Figure(value, np.zeros((0, 0)), across, 0.0, *nothing, rest.volume, *still, 0.0, 0)
+        turned = _by_rotation(np.zeros((s, s)), across, np.eye(s), stress)
+        return Figure(
+            value, np.zeros((0, 0)), across, 0.0, *nothing, rest.volume, *still, 0.0, 0, turned_dd=turned
+        )  # fmt: skip
     whole = np.ones(network.free_f.size, dtype=bool)
     column = system.column(whole).reshape(*shape, s)
     motion, force, left = rest.solve(-column, -rest.affine().T)
@@ -287,6 +317,7 @@ def figure_of(rest: Rest, of: str, mode: int) -> Figure:
     return Figure(
         _moduli(of, energy, stress), weight, across, 0.0, np.moveaxis(motion, 2, 0), force.T, mandel_basis(d),
         rest.volume, *still, left, s if other is None else 2 * s, other,
+        turned_dd=_by_rotation(weight, across, energy, stress),
     )  # fmt: skip
 
 

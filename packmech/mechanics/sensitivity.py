@@ -26,9 +26,11 @@ from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import brief, instance, integer, one_of
+from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, sum_slopes
-from packmech.contacts.shape_contacts import touching_pairs
-from packmech.effects import Friction, acting_friction, bonds_of
+from packmech.contacts.fused_volume import shared_volume
+from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
+from packmech.effects import Friction, acting_contacts, acting_friction, bonds_of
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
 from packmech.measure.contact_forces import resting_forces
@@ -43,7 +45,7 @@ from packmech.mechanics.pair_changes import (
     Pairs,
     difference,
 )
-from packmech.mechanics.pair_figures import Figure, Rest, figure_of
+from packmech.mechanics.pair_figures import Figure, Rest, figure_of, refuse_dependent
 from packmech.mechanics.self_stress import states_of_self_stress
 from packmech.packing import Packing
 from packmech.scene import Scene
@@ -324,7 +326,9 @@ class _Response:
         if not (figure.vibrates or figure.energy):
             # what is a density is over the volume
             explicit -= trace_vector(d) * self._over_volume()
-        return np.asarray(np.einsum("e,eab->ab", explicit, basis))
+        found = np.asarray(np.einsum("e,eab->ab", explicit, basis))
+        # a packing that turns with its box stays at rest, and only what names axes changes
+        return found if figure.turned_dd is None else found + figure.turned_dd
 
     def _over_volume(self) -> float:
         """Return the figure's weighted sums: its value where it is linear in stiffness and stress."""
@@ -363,12 +367,17 @@ def _derivatives(rest: Rest, response: _Response, to: str) -> tuple[NDArray[np.f
         return total, ()
     if to == "link_length":
         found_l = np.zeros(len(packing.links))
-        inside = np.isin(packing.links.i_l, network.index_n) & np.isin(packing.links.j_l, network.index_n)
-        found_l[inside] = response.adjoint_l if not figure.energy else -_tension_of(rest)
+        found_l[_links_among(network)] = response.adjoint_l if not figure.energy else -_tension_of(rest)
         return found_l, ()
     total = np.zeros(packing.particles)
     total[network.index_n] = _per_particle(rest, response, to)
     return total, ()
+
+
+def _links_among(network: Network) -> NDArray[np.bool_]:
+    """Return the (L,) mask of the links between particles that are kept."""
+    links = network.parent.links
+    return np.isin(links.i_l, network.index_n) & np.isin(links.j_l, network.index_n)
 
 
 def _tension_of(rest: Rest) -> NDArray[np.float64]:
@@ -461,6 +470,11 @@ def _check_names(scene: Scene, of: str, to: str) -> None:
         raise ValueError(
             f"of must not be {of!r} for a scene with friction, whose forces derive from no energy: leave it out with "
             "scene.without(pm.Friction)"
+        )
+    if of == "packing_fraction" and bonds_of(scene.effects) is not None:
+        raise ValueError(
+            "scene must hold no bonds for of='packing_fraction', which is that of a hard packing held by contacts and "
+            "rigid links: leave them out with scene.without(pm.Bonds), or make them links"
         )
     if of == "packing_fraction" and to not in ("radius", "link_length", "aspect", "exponent"):
         raise ValueError(
@@ -574,10 +588,14 @@ def _refuse_touching(rest: Rest) -> None:
 
 def _margin(rest: Rest) -> float:
     """Return the smallest relative overlap of contacts that take part, or gap of pairs near to touching."""
-    near = touching_pairs(rest.packing, _NEAR)
-    kept = np.zeros(rest.packing.particles, dtype=bool)
-    kept[rest.network.index_n] = True
-    return float(np.abs(near.among(kept).overlap_c).min(initial=np.inf))
+    return float(np.abs(_near(rest.scene, rest.network).overlap_c).min(initial=np.inf))
+
+
+def _near(scene: Scene, network: Network) -> Contacts | ShapeContacts:
+    """Return the pairs of kept particles that touch or nearly do, without bonded ones, which no repulsion presses."""
+    kept = np.zeros(scene.packing.particles, dtype=bool)
+    kept[network.index_n] = True
+    return acting_contacts(touching_pairs(scene.packing, _NEAR), scene.effects).among(kept)
 
 
 def _of_packing_fraction(scene: Scene, to: str, start: float) -> Sensitivity:
@@ -590,6 +608,12 @@ def _of_packing_fraction(scene: Scene, to: str, start: float) -> Sensitivity:
     whatever the particles do, and the packing fraction changes by the particles' volumes less d times the strain.
     """
     packing, d = scene.packing, scene.packing.dimension
+    shared = shared_volume(packing)
+    if shared:
+        raise ValueError(
+            "scene.packing must have no fused particles, whose union changes with sizes and links, for "
+            f"of='packing_fraction', got particles that share a volume of {shared:.3g}"
+        )
     network = contact_network(packing, scene.effects)
     contacts = network.contacts
     deepest = float(np.abs(contacts.overlap_c).max(initial=0.0))
@@ -624,25 +648,21 @@ def _of_packing_fraction(scene: Scene, to: str, start: float) -> Sensitivity:
     if not (force > 0.0).all():
         raise ValueError("scene.packing must be jammed by contacts that all push for of='packing_fraction'")
     fraction, error = packing_fraction(packing), 0.0
-    inside = np.isin(packing.links.i_l, network.index_n)
     if to == "link_length":
+        refuse_dependent(network)
         gradient = np.zeros(len(packing.links))
-        gradient[inside] = -fraction * d * tension / work
+        gradient[_links_among(network)] = -fraction * d * tension / work
     else:
         gradient = np.zeros(packing.particles)
         opened, error = _openings(pairs, to, force)
         gradient[network.index_n] = fraction * d * opened / work
         if to == "radius":
             volume = packing.radius_n**d
-            share = volume / volume.sum()
-            unit = np.pi if d == 2 else 4.0 * np.pi / 3.0
-            if abs(fraction * packing.box.volume / (unit * volume.sum()) - 1.0) > 1e-12:
-                raise ValueError("scene.packing must have no fused particles for of='packing_fraction' and to='radius'")
-            gradient += fraction * d * share / packing.radius_n
+            gradient += fraction * d * volume / volume.sum() / packing.radius_n
     none = np.zeros(0, np.int64)
     return Sensitivity(
         "packing_fraction", to, fraction, gradient, none, none, (), states.residual, states.residual, error, 0,
-        _next_gap(packing, network), time.process_time() - start,
+        _next_gap(scene, network), time.process_time() - start,
     )  # fmt: skip
 
 
@@ -663,9 +683,7 @@ def _openings(pairs: ContactPairs, to: str, force_c: NDArray[np.float64]) -> tup
     return total, worst
 
 
-def _next_gap(packing: Packing, network: Network) -> float:
+def _next_gap(scene: Scene, network: Network) -> float:
     """Return the smallest gap of pairs that are no contacts, over the contact distance [1]."""
-    kept = np.zeros(packing.particles, dtype=bool)
-    kept[network.index_n] = True
-    gap = -touching_pairs(packing, _NEAR).among(kept).overlap_c
+    gap = -_near(scene, network).overlap_c
     return float(np.sort(gap)[len(network.contacts) :].min(initial=np.inf))

@@ -110,6 +110,8 @@ class _Design:
         self.index_b = np.arange(len(bonds_of(scene.effects) or ()))
         self.start = scene
         self.best = self.last = _State(scene, math.nan, np.zeros(0))
+        # why packings could not be made since the figure last got better
+        self.failed: list[str] = []
 
     @property
     def hard(self) -> bool:
@@ -125,6 +127,11 @@ class _Design:
         """Return the scene at rest again."""
         if self.hard:
             run = jam(scene, _PRESSURE, strain="isotropic", progress=False)
+            if "hard_packing" not in run.report:
+                raise ValueError(
+                    "scene must jam as a hard packing for objective='packing_fraction', got one of which pm.jam knows "
+                    "none"
+                )
             return scene.replace(packing=run.report["hard_packing"])
         if self.by == "mass":
             return scene
@@ -140,14 +147,28 @@ class _Design:
             return _State(scene, found.value, found.gradient)
         value, gradient = self.objective(scene)
         shape = numbers_of(self.start, self.by).shape if self.by != "bonds" else (len(_bonds(scene)),)
-        return _State(scene, float(value), finite_array("objective's derivatives", gradient, shape=shape))
+        slopes = finite_array("objective's derivatives", gradient, shape=shape)
+        return _State(scene, real("objective's figure", value), slopes)
 
     def keep(self, state: _State) -> None:
         """Take note of a figure, and end where it is what was asked for."""
         self.value_t.append(state.value)
-        if math.isnan(self.best.value) or self.sign * state.value < self.sign * self.best.value:
+        self.last, before = state, self.best.value
+        if math.isnan(before) or self.sign * state.value < self.sign * before:
             self.best = state
-        self.loop.report("design", steps=len(self.value_t) - 1, value=state.value, best=self.best.value)
+            if not abs(state.value - before) <= _ENDS * abs(before):
+                self.failed.clear()
+        self._go_on(state.value)
+
+    def fail(self, reason: str) -> None:
+        """Take note of a packing that could not be made, and why."""
+        self.value_t.append(math.nan)
+        self.failed.append(reason)
+        self._go_on(math.nan)
+
+    def _go_on(self, value: float) -> None:
+        """Report a figure, and end where the goal is reached or steps or time have run out."""
+        self.loop.report("design", steps=len(self.value_t) - 1, value=value, best=self.best.value)
         if self.reached or len(self.value_t) > self.step_limit:
             raise _Reached
         self.loop.check_time()
@@ -174,8 +195,10 @@ class _Design:
             at, start / scale, jac=True, method="SLSQP", bounds=list(zip(low_k / scale, high_k / scale, strict=True)),
             constraints=_kept(start / scale, keep), options={"maxiter": self.step_limit, "ftol": _ENDS},
         )  # fmt: skip
-        # with nothing asked for but the best, an end at an optimum is what was asked for
-        return Outcome.CONVERGED if math.isinf(self.goal) and found.status == 0 else self.ended()
+        # with nothing asked for but the best, an end at an optimum is what was asked for; where packings failed since
+        # the last gain, the optimizer ends for want of them
+        optimum = found.status == 0 and not self.failed
+        return Outcome.CONVERGED if math.isinf(self.goal) and optimum else self.ended()
 
     def _evaluated(self, number_k: NDArray[np.float64]) -> _State:
         """Return the packing made anew with other numbers; where it fails, something worse than all before."""
@@ -183,13 +206,13 @@ class _Design:
             return self.best
         changed = with_numbers(self.best.scene, self.by, number_k)
         try:
-            self.last = self.state(self.remade(changed))
-        except (NotConverged, ValueError):
-            self.value_t.append(math.nan)
+            state = self.state(self.remade(changed))
+        except (NotConverged, ValueError) as error:
+            self.fail(str(error))
             worse = self.sign * (abs(self.best.value) + abs(self.last.value))
             return _State(changed, worse, np.zeros_like(number_k))
-        self.keep(self.last)
-        return self.last
+        self.keep(state)
+        return state
 
     def by_bonds(self) -> Outcome:
         """Take bonds away, at each step the one whose derivative promises most among those that leave it stable."""
@@ -330,7 +353,8 @@ def design(
     -------
     Design
         With the best scene that was found. Outcome.CONVERGED where the goal is reached, or an optimum where none was
-        set; Outcome.STALLED at an optimum, or where no bond helps, short of the goal.
+        set; Outcome.STALLED at an optimum, or where no bond helps, short of the goal, or where packings beyond the best
+        could not be made: `unmet` says how many, and why.
 
     Raises
     ------
@@ -366,6 +390,8 @@ def design(
             raise ValueError(
                 f"objective must be one of {', '.join(FIGURES)}, a component, or a function, got {objective!r}"
             )
+        if objective == "packing_fraction":
+            _refuse_unhard(scene, by)
     sign, goal = _goal(at_least, at_most)
     low, high = _bounds(scene, by, bounds, keep)
     settings = run_settings(
@@ -384,7 +410,8 @@ def design(
     def finished(outcome: Outcome) -> Design:
         best, seconds = work.best, time.process_time() - work.began
         name = objective if isinstance(objective, str) else getattr(objective, "__name__", "figure")
-        reached = [] if outcome.ok else [Condition(name, sign * best.value, sign * goal)]
+        hint = f"{len(work.failed)} packings since the best could not be made: {work.failed[-1]}" if work.failed else ""
+        reached = [] if outcome.ok else [Condition(name, sign * best.value, sign * goal, hint=hint)]
         residual = _residual(best.scene, work.hard and not math.isnan(best.value))
         return Design(
             best.scene.packing, outcome, residual, max(len(work.value_t) - 1, 0), work.evaluations, seconds,
@@ -399,6 +426,24 @@ def design(
 def _residual(scene: Scene, hard: bool) -> float:
     """Return the largest net force over the mean contact force, of hard packings that of their state of self stress."""
     return sensitivity(scene, "packing_fraction", "radius").force_residual if hard else resting_forces(scene).residual
+
+
+def _refuse_unhard(scene: Scene, by: str) -> None:
+    """Refuse scenes of which no hard packing is known, and numbers that it does not know."""
+    packing = scene.packing
+    there = {
+        "links": len(packing.links) > 0,
+        f"shapes ({type(packing.shapes).__name__})": packing.shapes.has_orientations,
+        "bonds": bonds_of(scene.effects) is not None,
+    }
+    held = [name for name, present in there.items() if present]
+    if held:
+        raise ValueError(
+            "scene must be of discs or spheres without links, shapes or bonds for objective='packing_fraction', as "
+            f"pm.jam knows no hard packing of others, got one with {' and '.join(held)}"
+        )
+    if by != "radius":
+        raise ValueError(f"by must be 'radius' for objective='packing_fraction' of discs or spheres, got {by!r}")
 
 
 def _goal(at_least: float | None, at_most: float | None) -> tuple[float, float]:

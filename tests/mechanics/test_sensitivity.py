@@ -95,8 +95,7 @@ def changed(scene, to, k, change):
     if to == "applied_strain":
         strain = np.zeros((packing.dimension, packing.dimension))
         a, b = np.unravel_index(k, strain.shape)
-        strain[a, b] += change / 2.0
-        strain[b, a] += change / 2.0
+        strain[a, b] += change
         change_dd = np.eye(packing.dimension) + strain
         box = pm.Box(change_dd @ packing.box.lattice_dd)
         return scene.replace(packing=packing.replace(position_nd=packing.position_nd @ change_dd.T, box=box))
@@ -172,6 +171,50 @@ def test_all_derivatives_are_central_differences_of_packings_made_anew(kind, to,
     compare(kind, to, of, _MANY)
 
 
+@pytest.mark.parametrize("kind", ["discs", "spheres", "ellipses"])
+@pytest.mark.parametrize("of", ["shear_modulus", "xyxy", "xxyy", "xy"])
+def test_simple_shears_turn_what_components_name(kind, of):
+    scene = scene_of(kind)
+    d = scene.packing.dimension
+    found, step = pm.sensitivity(scene, of, "applied_strain"), 1e-6
+    # the shear of Lees and Edwards, which strains and turns, and a turn alone, which no scalar knows of
+    for strain in (np.eye(d, k=1) * (np.arange(d) == 1), np.eye(d, k=1) - np.eye(d, k=-1)):
+
+        def at(steps, strain=strain):
+            packing, change = scene.packing, np.eye(d) + steps * step * strain
+            box = pm.Box(change @ packing.box.lattice_dd)
+            moved = packing.replace(position_nd=packing.position_nd @ change.T, box=box)
+            return figure(at_rest(scene.replace(packing=moved)), of)
+
+        expected = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * step)
+        assert abs((found.gradient * strain).sum() - expected) <= _ERROR * np.abs(found.gradient).max()
+
+
+def test_no_scalar_changes_as_a_packing_turns():
+    scene = scene_of("discs")
+    for of in ("energy", "pressure", "bulk_modulus", "young_modulus", "frequency"):
+        gradient = pm.sensitivity(scene, of, "applied_strain", mode=2).gradient
+        np.testing.assert_allclose(gradient, gradient.T, rtol=0.0, atol=1e-9 * np.abs(gradient).max())
+
+
+def test_the_margin_is_that_of_pairs_that_repel_and_no_bond_joins():
+    scene = scene_of("discs")
+    packing, margin = scene.packing, pm.sensitivity(scene, "pressure", "radius").margin
+    near = pm.find_contacts(packing, gap_tolerance=0.05)
+    kept = ~pm.find_rattlers(packing)
+    apart = np.where(kept[near.i_c] & kept[near.j_c], np.abs(near.overlap_c), np.inf)
+    k, second = np.argsort(apart)[:2]
+    assert margin == pytest.approx(apart[k], rel=1e-12)
+    # a bond in place of the nearest pair that pushes with the same force, so that all stays at rest
+    assert near.overlap_c[k] > 0.0
+    bond = pm.Bonds(
+        [near.i_c[k]], [near.j_c[k]], [near.image_cd[k]], [near.contact_distance_c[k]], tangential_stiffness=0.0,
+        compression=pm.Harmonic(),
+    )  # fmt: skip
+    bonded = scene.replace(effects=(*scene.effects, bond))
+    assert pm.sensitivity(bonded, "pressure", "radius").margin == pytest.approx(apart[second], rel=1e-12)
+
+
 def test_frequencies_by_masses():
     scene = scene_of("discs")
     found = pm.sensitivity(scene, "frequency", "mass", mode=2)
@@ -209,8 +252,9 @@ def test_the_stress_changes_by_the_cauchy_tangent():
     moduli, names = pm.elastic_moduli(scene), ("xx", "yy", "zz", "yz", "xz", "xy")
     for of in names:
         gradient = pm.sensitivity(scene, of, "applied_strain").gradient
+        # strains without rotation
+        gradient = 0.5 * (gradient + gradient.T)
         for a, b in names:
-            # strains without rotation
             expected = moduli.component(of + a + b)
             assert gradient["xyz".index(a), "xyz".index(b)] == pytest.approx(expected, abs=1e-9 * moduli.bulk_modulus)
 
@@ -277,6 +321,54 @@ def test_packing_fractions_of_hard_packings_by_radii_are_those_of_contacts_close
         assert found.gradient[k] == pytest.approx((ends[0] - ends[1]) / 2e-6, abs=1e-8)
     # larger particles in a larger box are the same packing
     assert found.gradient @ packing.radius_n == pytest.approx(0.0, abs=1e-10)
+
+
+def closed_again(packing, contacts, length_l, radius_n):
+    """Return the packing whose contacts just touch with other radii and links, in a box that keeps its shape."""
+    links, lattice, place = packing.links, packing.box.lattice_dd, packing.position_nd
+    i, j = np.concatenate([contacts.i_c, links.i_l]), np.concatenate([contacts.j_c, links.j_l])
+    image = np.concatenate([contacts.image_cd, links.image_ld])
+    wanted = np.concatenate([radius_n[contacts.i_c] + radius_n[contacts.j_c], length_l])
+    for _ in range(10):
+        vector = place[j] - place[i] + image @ lattice.T
+        size = np.sqrt((vector**2).sum(axis=1))
+        rows, row = np.zeros((len(i), place.size + 1)), np.arange(len(i))
+        for a in range(2):
+            np.add.at(rows, (row, 2 * j + a), vector[:, a] / size)
+            np.add.at(rows, (row, 2 * i + a), -vector[:, a] / size)
+        rows[:, -1] = size
+        move = np.linalg.lstsq(rows, wanted - size, rcond=1e-12)[0]
+        place, lattice = (place + move[:-1].reshape(-1, 2)) * (1.0 + move[-1]), lattice * (1.0 + move[-1])
+    assert np.abs(size - wanted).max() < 1e-13
+    return pm.Packing(place, radius_n, pm.Box(lattice), pm.Links(links.i_l, links.j_l, links.image_ld, length_l))
+
+
+def test_packing_fractions_of_hard_dimers_by_link_lengths_and_radii_are_those_of_contacts_closed_again():
+    start = pm.cluster_packing(12, pm.Dimer(1.1), dimension=2, packing_fraction=0.6, seed=3)
+    soft = pm.jam(pm.Scene(start, (pm.Repulsion(law=pm.Harmonic()),)), pressure=1e-8, strain="isotropic").packing
+    contacts, length, radius = pm.find_contacts(soft), soft.links.length_l, soft.radius_n
+    packing, step = closed_again(soft, contacts, length, radius), 1e-6
+    scene = pm.Scene(packing, (pm.Repulsion(),))
+    for to, count in (("link_length", 12), ("radius", 24)):
+        found = pm.sensitivity(scene, "packing_fraction", to)
+        for k in range(0, count, 3):
+            ends = []
+            for change in (step, -step):
+                one = [length, changed_array(radius, k, change)]
+                if to == "link_length":
+                    one = [changed_array(length, k, change), radius]
+                ends.append(pm.packing_fraction(closed_again(packing, contacts, *one)))
+            assert found.gradient[k] == pytest.approx((ends[0] - ends[1]) / (2.0 * step), abs=1e-8)
+
+
+def test_packing_fractions_of_fused_and_bonded_particles_are_refused_by_name():
+    fused = pm.cluster_packing(12, pm.Dimer(0.8), dimension=2, packing_fraction=0.6, seed=3)
+    for to in ("radius", "link_length"):
+        with pytest.raises(ValueError, match=r"scene.packing must have no fused particles, .* share a volume of"):
+            pm.sensitivity(pm.Scene(fused, (pm.Repulsion(),)), "packing_fraction", to)
+    bond = pm.Bonds([0], [1], [[0, 0]], [2.0], tangential_stiffness=0.0)
+    with pytest.raises(ValueError, match=r"scene must hold no bonds for of='packing_fraction'.*without\(pm.Bonds\)"):
+        pm.sensitivity(pm.Scene(hard("isotropic"), (pm.Repulsion(), bond)), "packing_fraction", "radius")
 
 
 def test_what_has_no_derivative_is_refused_by_name():

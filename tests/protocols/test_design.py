@@ -79,3 +79,56 @@ def test_wrong_choices_are_refused_by_name():
         pm.design(scene, "pressure", "bonds", at_least=1.0)
     with pytest.raises(ValueError, match="bounds must be positive and hold the numbers at the start, got 0.6 to 1 for"):
         pm.design(scene, "pressure", "radius", at_least=1.0, bounds=(0.6, 1.0))
+
+
+@pytest.mark.parametrize("good", [1, 3])
+def test_an_end_for_want_of_packings_is_no_optimum(good):
+    scene = script().dense(1, 24)
+    made = []
+
+    def fails(one):
+        made.append(one)
+        if len(made) > good:
+            raise ValueError("no more of these")
+        found = pm.sensitivity(one, "pressure", "radius")
+        return found.value, found.gradient
+
+    radius = scene.packing.radius_n
+    limits = {"at_most": -np.inf, "bounds": (0.98 * radius, 1.02 * radius), "keep": "mean"}
+    run = pm.design(scene, fails, "radius", check=False, **limits)
+    assert run.outcome is pm.Outcome.STALLED and np.isnan(run.value_t).sum() == len(made) - good
+    assert "could not be made: no more of these" in str(run.unmet[0])
+    # the best is that of the last one that was made
+    assert run.value == run.value_t[good - 1] == np.nanmin(run.value_t)
+    # with all of them made, it is one
+    assert pm.design(scene, "pressure", "radius", **limits).outcome is pm.Outcome.CONVERGED
+
+
+def test_packings_that_fail_count_as_steps():
+    scene = script().dense(1, 24)
+    made = []
+
+    def fails(one):
+        made.append(one)
+        if len(made) > 1:
+            raise ValueError("no more of these")
+        found = pm.sensitivity(one, "pressure", "radius")
+        return found.value, found.gradient
+
+    run = pm.design(scene, fails, "radius", at_most=-np.inf, bounds=(0.3, 0.9), step_limit=4, check=False)
+    assert run.outcome is pm.Outcome.STEP_LIMIT and run.steps == len(made) - 1 == 4
+
+
+def test_packing_fractions_of_what_has_no_hard_packing_are_refused_by_name():
+    dimers = pm.cluster_packing(10, pm.Dimer(), dimension=2, packing_fraction=0.7, seed=1)
+    ellipses = pm.random_packing(16, dimension=2, shapes=pm.Ellipses(aspect=1.5), packing_fraction=0.8, seed=3)
+    discs = script().dense(1, 24)
+    bonded = (*discs.effects, pm.Bonds([0], [1], [[0, 0]], [1.0], tangential_stiffness=0.0))
+    for scene, by, what in (
+        (pm.Scene(dimers, discs.effects), "radius", "got one with links"),
+        (pm.Scene(ellipses, discs.effects), "aspect", r"got one with shapes \(Spheroids\)"),
+        (discs.replace(effects=bonded), "radius", "got one with bonds"),
+        (discs, "mass", "by must be 'radius' for objective='packing_fraction' of discs or spheres, got 'mass'"),
+    ):
+        with pytest.raises(ValueError, match=what):
+            pm.design(scene, "packing_fraction", by, at_least=0.9, bounds=(0.01, 9.0))
