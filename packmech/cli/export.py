@@ -8,8 +8,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 import packmech as pm
+from packmech.check import one_of
 from packmech.cli.output import SCENE, Load, Seed, show
 from packmech.files.modules import load_modules
+from packmech.scenes.export import PROGRAMS
 from packmech.scenes.scene_file import read_scene
 
 _RUN = {"lammps": "lmp -in {script}", "jax-md": "python {script}"}
@@ -30,8 +32,9 @@ def export(
     [packing] kind = "file".
     """
     load_modules(load)
+    one_of("as", program, PROGRAMS)
     folder = Path(f"{Path(scene).stem}-{program}") if out is None else out
     made = pm.export_scene(read_scene(scene, seed=seed), folder, to=program)
-    show(f"wrote {made.script} and {made.data}")
+    show(f"wrote {made.script} and {made.data}: the packing that the scene starts from, before its drive")
     show(f"to expect: energy {made.energy:.16g}, pressure {made.pressure:.16g}")
     show(f"run it in its folder: {_RUN[made.program].format(script=made.script.name)}")

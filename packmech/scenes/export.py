@@ -19,6 +19,7 @@ from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import brief, instance, one_of
+from packmech.contacts import find_contacts
 from packmech.effects import (
     Bonds,
     ElasticSpheres,
@@ -111,7 +112,8 @@ def export_scene(scene: Scene, folder: PathLike, *, to: str) -> Export:
     ------
     TypeError, ValueError
         Naming what the other program has no place for: shapes, links, friction, damping and other effects, laws of
-        your own, springs that are not linear, and in JAX MD boxes in which a pair touches by two images.
+        your own, springs that are not linear, bonded pairs that touch by another image, and in JAX MD boxes in which a
+        pair could touch by two images.
 
     Examples
     --------
@@ -129,6 +131,8 @@ def export_scene(scene: Scene, folder: PathLike, *, to: str) -> Export:
     target = file_name("folder", folder, "the name of a folder")
     if to == "jax-md":
         _check_jax(parts)
+    else:
+        _check_lammps(parts)
     if target.exists() and not target.is_dir():
         raise ValueError(f"folder must be that of a folder, got the file {str(target)!r}")
     target.mkdir(exist_ok=True)
@@ -191,6 +195,23 @@ def _write_lammps(parts: _Parts, folder: Path) -> tuple[Path, Path]:
     with replacing(script) as partial:
         partial.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return script, data
+
+
+def _check_lammps(parts: _Parts) -> None:
+    """Refuse bonded pairs that touch by another image too, a contact that LAMMPS leaves out with the bonded one."""
+    if parts.bonds is None or not len(parts.bonds):
+        return
+    contacts = find_contacts(parts.packing, gap_tolerance=0.0)
+    n = parts.packing.particles
+    bonded = {
+        (int(i), int(j), *image)
+        for i, j, image in zip(parts.bonds.i_b, parts.bonds.j_b, parts.bonds.image_bd.tolist(), strict=True)
+    }
+    pairs = np.unique(parts.bonds.i_b * n + parts.bonds.j_b)
+    for k in np.flatnonzero(np.isin(contacts.i_c * n + contacts.j_c, pairs)).tolist():
+        i, j = int(contacts.i_c[k]), int(contacts.j_c[k])
+        if (i, j, *contacts.image_cd[k].tolist()) not in bonded:
+            raise ValueError(f"scene must have no bonded pair that touches by another image for LAMMPS, got {i}-{j}")
 
 
 def _expression(formula: str) -> str:

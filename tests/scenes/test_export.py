@@ -125,3 +125,10 @@ def test_the_command_writes_a_scene_and_says_what_to_expect(tmp_path, capsys, pr
     assert cli.execute(("export", str(tmp_path / "plain.toml"), "--as", program, "--out", str(tmp_path / "there"))) == 0
     assert f"energy {pm.energy(plain):.16g}, pressure {pm.pressure(plain):.16g}" in capsys.readouterr().out
     assert len(list((tmp_path / "there").iterdir())) == 2
+
+
+def test_bonded_pairs_that_touch_by_another_image_are_no_input_of_lammps(tmp_path):
+    pair = pm.Packing([[0.5, 0.9], [1.4, 0.9]], 0.46, pm.Box.cubic(1.8, 2))
+    bond = pm.Bonds([0], [1], [[0, 0]], [0.8], tangential_stiffness=0.0)
+    with pytest.raises(ValueError, match="bonded pair that touches by another image for LAMMPS, got 0-1"):
+        pm.export_scene(pm.Scene(pair, (pm.Repulsion(), bond)), tmp_path, to="lammps")
