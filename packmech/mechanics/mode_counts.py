@@ -52,6 +52,8 @@ class ModeCounts:
     negative, zero
         Numbers of unstable modes, and of those whose eigenvalues are at most 1e-10 of the largest one's bound, as in
         `Modes`; None where they were not asked for.
+    signs_certain
+        Whether these two numbers hold whatever rounding did, as `certain_v`; None where they were not asked for.
     largest
         Bound on the largest eigenvalue, by row sums [1/time^2].
     memory
@@ -74,6 +76,7 @@ class ModeCounts:
     translations: int
     negative: int | None
     zero: int | None
+    signs_certain: bool | None
     largest: float
     memory: int
     force_residual: float
@@ -150,12 +153,13 @@ def count_modes(
             rattlers=rattlers, gap_tolerance=gap_tolerance,
         )  # fmt: skip
         found = [vibrations.count(vibrations.level(one)) for one in frequency.tolist()]
-        negative = zero = None
+        negative = zero = signs_certain = None
         if signs:
             floor = ZERO * (vibrations.largest or 1.0)
-            soft = vibrations.count(floor).number
-            negative = vibrations.count(-floor).number if soft else 0
-            zero = soft - negative
+            soft = vibrations.count(floor)
+            unstable = vibrations.count(-floor) if soft.number else soft
+            negative, zero = unstable.number, soft.number - unstable.number
+            signs_certain = soft.certain and unstable.certain
     rest = resting_forces(scene)
     rest.warn_of_rattlers(scene.packing.particles - len(vibrations.network.index_n))
     return ModeCounts(
@@ -168,6 +172,7 @@ def count_modes(
         translations=vibrations.translation.shape[1],
         negative=negative,
         zero=zero,
+        signs_certain=signs_certain,
         largest=vibrations.largest,
         memory=max((one.memory for one in found), default=0),
         force_residual=rest.residual,

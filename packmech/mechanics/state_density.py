@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import KINDS, Kind, bin_edges, brief, instance, integer_array, one_of
+from packmech.check import KINDS, Kind, bin_edges, brief, check_memory, instance, integer_array, one_of
 from packmech.jit.blas import single_thread
 from packmech.mechanics.linked_systems import FreeOperator, Operator
 from packmech.mechanics.modes import Modes
@@ -220,6 +220,8 @@ def _of_copies(
         raise ValueError(f"repeats must be 1 or more along each direction, got {number.tolist()}")
     if not cell.branches:
         return _nothing(bins, start)
+    # frequencies of half of the waves, and the grid itself
+    check_memory("repeats", float(number.prod()) * (4.0 * cell.branches + 64.0))
     grid = np.stack(np.meshgrid(*(np.arange(n) for n in number), indexing="ij"), axis=-1).reshape(-1, d)
     # a wave and the one that runs back have the same frequencies: one of both stands for two
     back = (-grid) % number

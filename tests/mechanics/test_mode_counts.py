@@ -324,3 +324,14 @@ CHAINS = pm.Scene(pm.chain_packing(2, 4, dimension=2, packing_fraction=0.3, seed
 def test_bad_input_gets_one_clear_error(call, error, text):
     with pytest.raises(error, match=text):
         call()
+
+
+def test_more_copies_than_memory_holds_are_refused_before_any_work():
+    with pytest.raises(ValueError, match="repeats must be so small that memory holds it"):
+        pm.density_of_states(rest(20, 2, 1), 30, repeats=(10**6, 10**6))
+
+
+def test_numbers_of_unstable_and_zero_modes_say_how_sure_they_are():
+    found = pm.count_modes(rest(20, 2, 1), 1.0)
+    assert found.signs_certain is True
+    assert pm.count_modes(rest(20, 2, 1), 1.0, signs=False).signs_certain is None

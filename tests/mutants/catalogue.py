@@ -760,7 +760,7 @@ CATALOGUE: list[Fault] = [
     *_guards(
         "packmech/mechanics/mode_counts.py",
         ("no rattlers are warned of", "    rest.warn_of_rattlers(", "    (lambda _: None)("),
-        ("zero modes are unstable", "negative = vibrations.count(-floor).number if soft else 0", "negative = soft"),
+        ("zero modes are unstable", "unstable = vibrations.count(-floor) if soft.number else soft", "unstable = soft"),
     ),
     *_guards(
         "packmech/linalg/inertia.py",
