@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 from packmech.calls.display import in_words, value_with_error
 from packmech.check import brief, call_fault, did_you_mean, finite_array, instance, integer, one_of
 from packmech.dynamics.ledger import EnergyLedger
-from packmech.effects import held_particles
+from packmech.effects import bonds_of, held_particles
 from packmech.ensemble.shear_series import ShearCurve, ShearSeries
 from packmech.ensemble.statistics import GroupStatistics, Histogram, PowerLawFit, fit_power_law
 from packmech.jamming.play import PlayedMotion
 from packmech.jamming.verdict import TiledAnswer, UnjammingMotion, Verdict
+from packmech.links import Links
 from packmech.measure.coarse_grain import CoarseFields
 from packmech.measure.contact_forces import ContactForces, rattlers_in
 from packmech.measure.contact_statistics import ContactStatistics, ForceDistribution
@@ -60,7 +61,7 @@ _LISTED_KINDS = 10
 # colors of particles on a white ground: those that bear forces, rattlers, held ones, copies
 BEARING, RATTLER, HELD, EDGE = "#b7cbe0", "#f0d091", "#b4b4b4", "#5b6b7d"
 # particles whose joints are shown, and how many clusters a legend lists
-_PALE, _LISTED = "#eef1f5", 3
+_PALE, _SPRING, _LISTED = "#eef1f5", "#5c5c5c", 3
 # what lies at the back of a packing in space is mixed with white up to this part
 _FADED = 0.65
 # part of the box by which places may differ that are the same [1]
@@ -256,8 +257,11 @@ def _add_packing(
     if len(drawn.bond_sed) and flat:
         lines = parts.LineCollection(drawn.bond_sed[:, :, :2], colors="#2b7a4b", linewidths=1.2, zorder=4.0)
         ax.add_collection(lines)
+    springs = drawing.spring_lines(packing, effects) if flat else ()
+    if len(springs):
+        ax.add_collection(parts.LineCollection(springs, colors=_SPRING, linewidths=1.2, zorder=1.5))
     if bar:
-        _legend(ax, shown, bool(len(drawn.bond_sed)) and flat)
+        _legend(ax, shown, bool(len(drawn.bond_sed)) and flat, bool(len(springs)))
     if shown.get("numbers") is not None and bar:
         mappable = parts.ScalarMappable(parts.Normalize(*shown["range"]), "viridis")
         ax.figure.colorbar(mappable, ax=ax, shrink=0.75, label=label or "color")
@@ -302,7 +306,11 @@ def _rattlers(packing: Packing, effects: tuple[Any, ...]) -> NDArray[np.bool_]:
     """Return which particles rattle; none where only friction, which is not known here, could tell, or N is large."""
     if packing.particles >= 100_000 or packing.tangential is not None and not effects:
         return np.zeros(packing.particles, dtype=bool)
-    return rattlers_in(Scene(packing, effects)) if effects else find_rattlers(packing)
+    found = rattlers_in(Scene(packing, effects)) if effects else find_rattlers(packing)
+    if (bonds := bonds_of(effects)) is not None:
+        # nodes of a network of springs, which may be slack
+        found[np.concatenate([bonds.i_b, bonds.j_b])] = False
+    return found
 
 
 def _add_particles(ax: Any, outlines: drawing.Outlines, fill: Any, order: float, *, owned: bool = True) -> None:
@@ -335,7 +343,7 @@ def _add_forces(ax: Any, drawn: drawing.Drawing, packing: Packing, known: bool, 
         made.ax.set_ylim(0.0, 4.0)
 
 
-def _legend(ax: Any, shown: Mapping[str, Any], links: bool) -> None:
+def _legend(ax: Any, shown: Mapping[str, Any], links: bool, springs: bool) -> None:
     """Say below the packing what its colors mean."""
     parts = matplotlib_parts()
     names = ("backbone" if "contacts" in shown else "bears force", "rattler", "held")
@@ -349,6 +357,8 @@ def _legend(ax: Any, shown: Mapping[str, Any], links: bool) -> None:
         marks.append(parts.Line2D([], [], color="#404040", linewidth=0.8, label="contact"))
     if links:
         marks.append(parts.Line2D([], [], color="#2b7a4b", linewidth=2.0, label="link"))
+    if springs:
+        marks.append(parts.Line2D([], [], color=_SPRING, linewidth=2.0, label="spring"))
     if marks:
         place = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "ncols": min(len(marks), 5)}
         ax.legend(handles=marks, frameon=False, **place)
@@ -470,7 +480,8 @@ def _draw_clusters(clusters: RigidClusters, ax: Any, *, copies: bool = True) -> 
     """Draw contacts and links in the colors of their rigid clusters, wide where these are over-constrained."""
     packing, parts = clusters.packing, matplotlib_parts()
     fill_nc = np.tile(parts.to_rgb(_PALE), (packing.particles, 1))
-    _add_packing(ax, packing, (), (fill_nc, {}), drawing.draw_packing(packing), False, "", copies, False)
+    bare = packing.replace(links=Links.none(packing.dimension))
+    _add_packing(ax, bare, (), (fill_nc, {}), drawing.draw_packing(bare), False, "", copies, False)
     lines = drawing.cluster_lines(clusters)
     points = ax.get_window_extent().width * 72.0 / ax.figure.dpi / float(np.ptp(ax.get_xlim()))
     # the largest on top

@@ -140,6 +140,17 @@ def pair_lines(
     return np.concatenate([here, there]), np.concatenate([np.arange(len(i_c)), crossing])
 
 
+def spring_lines(packing: Packing, effects: tuple[Any, ...]) -> NDArray[np.float64]:
+    """Return (S, 2, d) ends of the lines of a scene's springs [length]; arguments as of `draw_packing`."""
+    bonds = bonds_of(tuple(effects))
+    if bonds is None or not len(bonds):
+        return np.zeros((0, 2, packing.dimension))
+    vector = packing.position_nd[bonds.j_b] - packing.position_nd[bonds.i_b] + bonds.image_bd @ packing.box.lattice_dd.T
+    place = packing.wrapped().position_nd
+    apart = (place[bonds.i_b] + vector - place[bonds.j_b]) @ packing.box.inverse_dd.T
+    return pair_lines(place, bonds.i_b, bonds.j_b, np.rint(apart).astype(np.int64), vector)[0]
+
+
 def _link_lines(packing: Packing, contacts: Any, effects: tuple[Any, ...]) -> tuple[NDArray[np.float64], ...]:
     """Return lines and tensions of the bonds, then those of the links that hold shapes."""
     links = packing.links
