@@ -97,9 +97,11 @@ class Condition:
         The figures.
     tolerance
         Largest difference between them over the one asked for at which the condition is met [1]; None where the figure
-        asked for is an upper bound.
+        asked for is a bound.
     hint
         What to change so that it is met.
+    lower
+        Whether the bound is a lower one.
 
     Examples
     --------
@@ -115,17 +117,19 @@ class Condition:
     asked: float
     tolerance: float | None = None
     hint: str = ""
+    lower: bool = False
 
     @property
     def met(self) -> bool:
         """Whether it is met; what is not a number meets none."""
         if self.tolerance is None:
-            return bool(self.reached <= self.asked)
+            return bool(self.reached >= self.asked if self.lower else self.reached <= self.asked)
         return bool(abs(self.reached - self.asked) <= self.tolerance * abs(self.asked))
 
     def __str__(self) -> str:
         digits = next((n for n in (4, 8) if f"{self.reached:.{n}g}" != f"{self.asked:.{n}g}"), 17)
-        asked = " at most is allowed" if self.tolerance is None else " was asked for"
+        bound = " at least was asked for" if self.lower else " at most is allowed"
+        asked = bound if self.tolerance is None else " was asked for"
         hint = f" ({self.hint})" if self.hint else ""
         return f"{self.name} {self.reached:.{digits}g} where {self.asked:.{digits}g}{asked}{hint}"
 

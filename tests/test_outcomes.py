@@ -89,3 +89,9 @@ def test_a_word_of_the_outcome_is_the_one_of_the_table(jammed):
     run = pm.simulate(jammed, steps=10**7, time_limit=1e-9, check=False)
     names = [row[0] for row in run.rows()]
     assert names[:2] == ["outcome", "not met"] and run.rows()[0][1] == "time limit"
+
+
+def test_a_lower_bound_is_met_from_above_and_named_as_one():
+    low = pm.Condition("shear modulus", 0.1, 5.0, lower=True)
+    assert not low.met and str(low) == "shear modulus 0.1 where 5 at least was asked for"
+    assert pm.Condition("shear modulus", 5.5, 5.0, lower=True).met

@@ -411,7 +411,7 @@ def design(
         best, seconds = work.best, time.process_time() - work.began
         name = objective if isinstance(objective, str) else getattr(objective, "__name__", "figure")
         hint = f"{len(work.failed)} packings since the best could not be made: {work.failed[-1]}" if work.failed else ""
-        reached = [] if outcome.ok else [Condition(name, sign * best.value, sign * goal, hint=hint)]
+        reached = [] if outcome.ok else [Condition(name, best.value, goal, hint=hint, lower=sign < 0)]
         residual = _residual(best.scene, work.hard and not math.isnan(best.value))
         return Design(
             best.scene.packing, outcome, residual, max(len(work.value_t) - 1, 0), work.evaluations, seconds,
