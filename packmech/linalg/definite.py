@@ -5,6 +5,7 @@
 
 Its dual is a positive semidefinite matrix X of trace 1: whatever the share, the smallest eigenvalue of the combination
 is at most the mean <X, combination>, and this at most the length of <X, form_s> + (push^T y)_s for any y >= 0.
+Both sides are evaluated after the solver, whose word is not taken: shares that pull are moved until all push.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from packmech.linalg.linear_programs import inner_direction
 from packmech.result import Outcome, Solve
 
 
@@ -26,7 +28,7 @@ class MostDefinite:
     Attributes
     ----------
     share_k
-        (K,) share of each matrix, of length 1 at most.
+        (K,) share of each matrix, of length 1 at most; zeros where the solver found none that pushes at every row.
     lowest
         Smallest eigenvalue of the combination, or 0 of none.
     bound
@@ -43,6 +45,29 @@ class MostDefinite:
     bound: float
     weight_mm: NDArray[np.float64]
     solve: Solve
+
+
+def pushing_share(
+    share_k: NDArray[np.float64], push_ck: NDArray[np.float64], tolerance: float
+) -> NDArray[np.float64] | None:
+    """Return the share, moved until no `push_ck @ share_k` is negative, of length 1 at most; None if none was found.
+
+    Examples
+    --------
+    >>> pushing_share(np.array([1.0, -1e-12]), np.eye(2), 1e-10).min() >= 0.0
+    np.True_
+
+    """
+    push = push_ck @ share_k
+    if push.min(initial=0.0) < 0.0:
+        inner = inner_direction(sp.csr_array(push_ck), sp.csr_array((0, push_ck.shape[1])), tolerance)
+        speed = push_ck @ inner
+        if speed.min() <= 0.0:
+            return None
+        # a little farther, so that rounding leaves no pull
+        share_k = share_k + 1.001 * float((-push / speed).max()) * inner
+    share_k = share_k / max(1.0, float(np.linalg.norm(share_k)))
+    return share_k if (push_ck @ share_k).min(initial=0.0) >= 0.0 else None
 
 
 def most_definite(form_kmm: NDArray[np.float64], push_ck: NDArray[np.float64], tolerance: float) -> MostDefinite:
@@ -91,8 +116,9 @@ def most_definite(form_kmm: NDArray[np.float64], push_ck: NDArray[np.float64], t
     cost = np.concatenate([np.zeros(count), [-1.0]])
     matrix = sp.csc_matrix(np.vstack(blocks))
     found = clarabel.DefaultSolver(sp.csc_matrix((count + 1, count + 1)), cost, matrix, limit, cones, settings).solve()
-    share, dual = np.array(found.x)[:count], np.array(found.z)
-    share /= max(1.0, float(np.linalg.norm(share)))
+    share, dual = np.nan_to_num(np.array(found.x)[:count]), np.nan_to_num(np.array(found.z))
+    pushing = pushing_share(share, push_ck, tolerance)
+    share = np.zeros(count) if pushing is None else pushing
     lowest = float(np.linalg.eigvalsh(np.tensordot(share, form_kmm, axes=1))[0])
     # what the solver says is made what it claims to be: positive semidefinite, of trace 1
     given = np.zeros((size, size))

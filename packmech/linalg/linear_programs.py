@@ -167,3 +167,23 @@ def solve_highs(program: LinearProgram, tolerance: float) -> Solution:
 
 
 SOLVE = {"clarabel": solve_clarabel, "highs": solve_highs}
+
+
+def inner_direction(rows: sp.csr_array, equal: sp.csr_array, tolerance: float) -> NDArray[np.float64]:
+    """Return the x with `equal @ x` = 0 and entries of size 1 at most whose smallest product with a row is largest.
+
+    Rows count by their directions. Where no x makes all products positive it is zero to the solver's tolerance.
+    """
+    count, size = rows.shape
+    length = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
+    unit = sp.diags_array(1.0 / np.where(length > 0.0, length, 1.0)) @ rows
+    program = LinearProgram(
+        cost=np.append(np.zeros(size), -1.0),
+        equal=sp.csr_array(sp.hstack([equal, sp.csr_array((equal.shape[0], 1))])),
+        equal_to=np.zeros(equal.shape[0]),
+        below=sp.csr_array(sp.hstack([-unit, sp.csr_array(np.ones((count, 1)))])),
+        below_to=np.zeros(count),
+        lower=np.append(np.full(size, -1.0), -np.inf),
+        upper=np.append(np.ones(size), np.inf),
+    )
+    return np.nan_to_num(solve_clarabel(program, tolerance).x[:size])

@@ -19,7 +19,9 @@ Distances of ellipses are curved the other way, too: pushes may hold their quart
 
 from __future__ import annotations
 
+import functools
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -36,9 +38,10 @@ from packmech.constraints.factor import BASIS_LIMIT
 from packmech.contacts import Contacts
 from packmech.contacts.elements import elements_of, pair_rows
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
-from packmech.effects import acting_contacts, refuse_tangential_springs
+from packmech.effects import acting_contacts, held_particles, refuse_tangential_springs
 from packmech.jit.blas import single_thread
-from packmech.linalg.definite import most_definite
+from packmech.linalg.definite import most_definite, pushing_share
+from packmech.linalg.linear_programs import inner_direction
 from packmech.linalg.mandel import mandel_tensor, strain_directions, trace_vector
 from packmech.links import Links, image_offsets
 from packmech.measure.rattlers import pushing_rows, rattlers_among
@@ -46,17 +49,27 @@ from packmech.mechanics.assembly import assemble
 from packmech.mechanics.hessian import check_strain_of_box
 from packmech.mechanics.network import Network, network_among
 from packmech.mechanics.rigidity import strain_columns
-from packmech.mechanics.self_stress import RANK_TOLERANCE, RigidityRows, null_space, orthonormal, shifted_square
+from packmech.mechanics.self_stress import (
+    RANK_TOLERANCE,
+    RigidityRows,
+    null_space,
+    orthonormal,
+    shifted_square,
+    with_strains,
+)
 from packmech.packing import Packing
+from packmech.result import Outcome
 from packmech.scene import Scene
 
 YES, NO, AMBIGUOUS = "yes", "no", "ambiguous"
 # eigenvalues below this part of the largest row sum of the matrix of all coordinates are zero
 _TOLERANCE = 1e-7
-# of the semidefinite program, and from how much less than the tolerance on an eigenvalue is none
-_SOLVER_TOLERANCE, _NONE = 1e-11, 0.1
-# largest violation of the second-order conditions of a flex, over the largest second derivative
-_EXTENDED = 1e-6
+# of the semidefinite and linear programs
+_SOLVER_TOLERANCE = 1e-11
+# directions that states of self stress hold by less, over the largest row sum, are tried as flexes
+_NEARLY_ZERO = 1e-6
+# of a row of the matrix and of the solution with it
+_ROUNDING = 1e-15
 # directions of two modes that are tried, and random starts of the search for a flex
 _DIRECTIONS, _STARTS = 4096, 24
 _SWEEPS = 12
@@ -88,7 +101,8 @@ class SecondOrder:
     curvature_error
         Bound on its error, by rounding and by what the modes stretch [1/length].
     largest_curvature
-        No state of self stress of size 1 has a larger smallest eigenvalue [1/length]; nan where that is not known.
+        No state of self stress of size 1 has a larger smallest eigenvalue [1/length]; nan where that is not known,
+        beyond `size_limit` for one.
     trivial
         Number of trivial motions: translations, and where members join all particles and do not wind around the box
         also rotations and the admitted strains, which then strain nothing; none where particles are held.
@@ -102,10 +116,10 @@ class SecondOrder:
         (E,) particles of the members: contacts, then bonds, then links.
     stress_e
         (E,) the state of self stress of size 1 whose form is the most definite that was found, positive for pushes;
-        None where there is none or it does not fit the memory.
+        None where none was found or it does not fit the memory.
     first_nq, second_nq
         (N, q) a flex (q', q''): displacements and then turns as lengths, first and second derivatives, those of x in
-        x + strain x; None unless one was found.
+        x + strain x; None unless one was found. Contacts that no state of self stress pushes open along it.
     first_dd, second_dd
         (d, d) strains of the box along it.
     flex_error
@@ -232,10 +246,7 @@ def _members(network: Network, strain: BoxStrain) -> _Members:
     position = sp.vstack([pair_rows(one.i_c, one.j_c, one.slope_cx, network.turn_nkt, d) for one in parts])
     admitted = strain_directions(d, strain)
     side = np.concatenate([strain_columns(one) for one in parts]) @ admitted
-    size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
-    mean = np.sqrt(2.0 * len(side) / (particles * d))
-    scale = mean / size if size > 0.0 else 1.0
-    matrix = sp.csr_array(sp.hstack([position, sp.csr_array(side * scale)], format="csr"))
+    matrix, scale = with_strains(position, side, particles * d)
     held = not np.array_equal(network.free_nq, network.there_nq)
     touches = sum(np.bincount(np.append(one.i_c, one.j_c), minlength=particles) for one in parts)
     pinned = width * int(np.argmax(touches)) + np.arange(0 if held else d)
@@ -317,7 +328,8 @@ class _Search:
     """Motions that may extend to second order, and the first that was found to do so."""
 
     members: _Members
-    idle: sp.csr_array
+    whole: _Members
+    bears_e: NDArray[np.bool_]
     stress_ek: NDArray[np.float64] | None
     motion_xm: NDArray[np.float64]
     rank_tolerance: float
@@ -327,27 +339,83 @@ class _Search:
     # trace of the strain's second derivative at fixed volume
     volume: float = 0.0
 
+    @functools.cached_property
+    def idle(self) -> sp.csr_array:
+        """The rows of the contacts that no state of self stress pushes."""
+        return sp.csr_array(self.whole.rows.matrix[np.flatnonzero(~self.bears_e)])
+
+    @functools.cached_property
+    def opening_m(self) -> NDArray[np.float64] | None:
+        """Shares of the floppy modes that open all idle contacts to first order; None without any, or if not found."""
+        if not self.idle.shape[0]:
+            return None
+        kept, motion = self.whole.rows.kept, np.zeros(self.whole.rows.matrix.shape[1])
+        idle, others = sp.csr_array(self.idle[:, kept]), sp.csr_array(self.members.rows.reduced)
+        motion[kept] = inner_direction(idle, others, _SOLVER_TOLERANCE)
+        share = self.motion_xm.T @ motion
+        share = share / (float(np.linalg.norm(share)) or 1.0)
+        return share if (self.idle @ (self.motion_xm @ share)).min() > self.still else None
+
+    @property
+    def still(self) -> float:
+        """Rates of lengths along a motion of size 1 that are none [1]."""
+        return 1e-9 * self.whole.rows.largest
+
+    def finds(self, shares: Sequence[NDArray[np.float64]] | NDArray[np.float64]) -> bool:
+        """Return whether what opens all idle contacts, or one of these combinations, extends to second order."""
+        opening = [] if self.opening_m is None else [self.opening_m]
+        return any(self.tries(share) for share in (*opening, *shares))
+
     def tries(self, share_m: NDArray[np.float64]) -> bool:
         """Return whether a combination of the floppy modes, or its opposite, extends to second order."""
         motion = self.motion_xm @ (share_m / np.linalg.norm(share_m))
-        rate = self.idle @ motion
-        limit = 1e-9 * self.members.rows.largest
+        rate, limit = self.idle @ motion, self.still
         if len(rate) and rate.min() < -limit:
             if rate.max() > limit:
                 return False
-            motion = -motion
-        bent = self.members.second(motion)
+            motion, rate = -motion, -rate
+        every = self.whole.second(motion)
+        bent = every[self.bears_e]
         opened = self._opening(bent)
         second = self._solve(opened - bent)
-        size = float(np.abs(bent).max(initial=0.0)) or 1.0
-        error = float(np.abs(self.members.rows.matrix @ second + bent - opened).max(initial=0.0)) / size
-        if error > _EXTENDED:
+        closing = rate <= limit
+        second, closed = self._opened(second, self.idle[np.flatnonzero(closing)], every[~self.bears_e][closing])
+        error = max(float(np.abs(self.members.rows.matrix @ second + bent - opened).max(initial=0.0)), closed)
+        if error > self._rounding(motion, second):
             return False
         if self.members.strain == "isochoric":
             # the isotropic part that the second derivatives of the lengths hold already
             self.volume = float(np.square(self.members.strain_of(motion)).sum())
-        self.first_x, self.second_x, self.error = motion, second, error
+        self.first_x, self.second_x = motion, second
+        self.error = error / (float(np.abs(every).max(initial=0.0)) or 1.0)
         return True
+
+    def _opened(
+        self, second_x: NDArray[np.float64], idle: sp.csr_array, bent_c: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], float]:
+        """Return q'' with as much of what opens idle contacts as keeps them from closing, and how much they still do.
+
+        These are idle contacts that q' leaves as they are: R q'' + b must not be negative.
+        """
+        closing = -(idle @ second_x + bent_c)
+        if closing.max(initial=0.0) > 0.0 and self.opening_m is not None:
+            opening = self.motion_xm @ self.opening_m
+            second_x = second_x + float((closing / (idle @ opening)).max()) * opening
+            closing = -(idle @ second_x + bent_c)
+        return second_x, float(closing.max(initial=0.0))
+
+    def _rounding(self, motion_x: NDArray[np.float64], second_x: NDArray[np.float64]) -> float:
+        """Return what rounding and stretches of a motion may do to second derivatives of lengths [1/length]."""
+        rows = self.members.rows
+        gap, size = self.rank_tolerance * rows.largest, float(np.abs(motion_x).max())
+        stretch = float(np.linalg.norm(rows.matrix @ motion_x)) + _ROUNDING * self.whole.rows.largest * size
+        wrong = 8.0 * self.bend * size * (stretch / gap if gap > 0.0 else _ROUNDING)
+        return wrong + 8.0 * _ROUNDING * self.whole.rows.largest * float(np.abs(second_x).max())
+
+    @functools.cached_property
+    def bend(self) -> float:
+        """Largest sum of a row of second derivatives of a length [1/length]."""
+        return max(float(np.abs(one.curvature_cxx).sum(axis=2).max(initial=0.0)) for one in self.whole.parts)
 
     def _opening(self, bent_e: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return second derivatives of the lengths, none negative, zero on bars, that balance those along a motion."""
@@ -386,7 +454,7 @@ class _Search:
         starts = [*np.eye(count), *np.random.default_rng(0).normal(size=(_STARTS, count))]
         for start in starts[: count if count == 1 else None]:
             end = least_squares(held, start, xtol=1e-15, ftol=1e-15, gtol=1e-15).x if count > 1 else start
-            if np.linalg.norm(held(end)) < _EXTENDED and self.tries(span_mr @ end):
+            if np.linalg.norm(held(end)) < _NEARLY_ZERO and self.tries(span_mr @ end):
                 return True
         return False
 
@@ -440,8 +508,7 @@ def _error_of(search: _Search, size: float) -> float:
     gap = search.rank_tolerance * rows.largest
     stretch = float(np.linalg.norm(rows.matrix @ search.motion_xm))
     net = float(np.linalg.norm(rows.reduced.T @ stress))
-    bent = max(float(np.abs(one.curvature_cxx).sum(axis=2).max(initial=0.0)) for one in members.parts)
-    return float((2.0 * size * stretch + 4.0 * bent * net) / gap + 1e-15 * search.motion_xm.shape[1] * size)
+    return float((2.0 * size * stretch + 4.0 * search.bend * net) / gap + 1e-15 * search.motion_xm.shape[1] * size)
 
 
 @shown_as("rigidity to second order")
@@ -465,10 +532,12 @@ def second_order(
     judged by itself. A rigid body that turns about the only bead that it touches with moves.
 
     Answers in floating-point numbers: "yes" needs a form that is positive on all floppy modes by more than its error
-    and the tolerance, "no" a bound on all forms (the dual of the semidefinite program) and for `second_order_rigid` a
-    flex that meets the conditions of second order; all else is "ambiguous". With one state of self stress, or two and
-    no contacts beside three floppy modes or more, prestress stable and second-order rigid are the same; with two
-    floppy modes every direction is looked at.
+    and the tolerance, "no" a bound on all forms (the dual of the semidefinite program) that is zero within the error
+    and for `second_order_rigid` a flex that meets the conditions of second order within rounding. All else is
+    "ambiguous", what holds by less than the tolerance too. Without any state of self stress every floppy mode extends:
+    "no". Where all particles are held the answer is "yes", where all others rattle "no", without a flex. With one
+    state of self stress, or two and no contacts beside three floppy modes or more, prestress stable and second-order
+    rigid are the same; with two floppy modes every direction is looked at.
 
     Parameters
     ----------
@@ -517,7 +586,7 @@ def second_order(
     with single_thread():
         network = _network(scene, gap_tolerance)
         if not len(network.index_n):
-            return _nothing(scene.packing, start)
+            return _nothing(scene, start)
         whole = _members(network, strain)
         pushing, sure = _pushing(whole)
         members = whole.bearing(pushing)
@@ -528,7 +597,8 @@ def second_order(
         trivial = _trivial(whole)
         motion = _motions(members, basis, trivial)
         states = rows.matrix.shape[0] - rank
-        search = _Search(members, whole.rows.matrix[np.flatnonzero(~pushing)], None, motion, rank_tolerance)
+        bears = np.append(pushing, np.ones(whole.rows.links, dtype=bool))
+        search = _Search(members, whole, bears, None, motion, rank_tolerance)
         answers, reason, best = _answers(search, states, (size_limit, basis_limit, tolerance))
         certain = certain and sure
         if not certain:
@@ -536,7 +606,7 @@ def second_order(
     stress = None
     if best is not None and search.stress_ek is not None:
         stress = np.zeros(whole.rows.matrix.shape[0])
-        stress[np.append(pushing, np.ones(whole.rows.links, dtype=bool))] = search.stress_ek @ best.share_k
+        stress[bears] = search.stress_ek @ best.share_k
     flex = _flex(scene.packing, search)
     return SecondOrder(
         *answers, reason,
@@ -550,7 +620,7 @@ def second_order(
         rattlers=scene.packing.particles - len(network.index_n),
         smallest_curvature=np.nan if best is None else best.lowest,
         curvature_error=np.nan if best is None else best.error,
-        largest_curvature=np.nan if best is None else best.bound,
+        largest_curvature=best.bound if best is not None and np.isfinite(best.bound) else np.nan,
         i_e=network.index_n[np.concatenate([one.i_c for one in whole.parts])],
         j_e=network.index_n[np.concatenate([one.j_c for one in whole.parts])],
         stress_e=stress,
@@ -561,11 +631,16 @@ def second_order(
     )  # fmt: skip
 
 
-def _nothing(packing: Packing, start: float) -> SecondOrder:
-    """Return the answer for a packing whose particles all rattle."""
+def _nothing(scene: Scene, start: float) -> SecondOrder:
+    """Return the answer for a packing whose particles all rattle or are held."""
     nan, none = float("nan"), np.zeros(0, dtype=np.int64)
+    particles, trivial, answer, reason = scene.packing.particles, scene.packing.dimension, NO, "all particles rattle"
+    held = held_particles(scene.effects, particles)
+    if held is not None and held.any():
+        trivial, particles = 0, int(np.count_nonzero(~held))
+        answer, reason = (NO, f"{reason} or are held") if particles else (YES, "all particles are held")
     return SecondOrder(
-        NO, NO, NO, "all particles rattle", 0, 0, nan, nan, nan, packing.dimension, 0, 0, 0, 0, packing.particles,
+        answer, answer, answer, reason, 0, 0, nan, nan, nan, trivial, 0, 0, 0, 0, particles,
         none, none, None, None, None, None, None, nan, True, time.process_time() - start,
     )  # fmt: skip
 
@@ -583,37 +658,43 @@ def _answers(
     if states:
         _, _, _, search.stress_ek = null_space(rows, rows.method, search.rank_tolerance, basis_limit, left=True)
     if not states:
-        for start in np.eye(modes)[: min(modes, size_limit)]:
-            if search.tries(start):
-                break
+        search.finds(np.eye(modes)[:size_limit])
         return (NO, NO, NO), "no state of self stress to hold the floppy modes", None
     if search.stress_ek is None:
-        found = any(search.tries(start) for start in np.eye(modes)[:1])
-        answer = NO if found else AMBIGUOUS
+        answer = NO if search.finds(np.eye(modes)[:1]) else AMBIGUOUS
         return (NO, answer, answer), "the states of self stress do not fit the memory", None
-    best, forms, push = _most_stable(search, states, size_limit)
+    best, forms, push, status = _most_stable(search, states, size_limit)
+    if best is None:
+        answer = NO if search.finds(np.eye(modes)[:1]) else AMBIGUOUS
+        return (NO, answer, answer), "no state of self stress was found that pulls at no contact", None
     scale = best.size or 1.0
     if best.lowest - best.error > tolerance * scale:
         return (NO, YES, YES), "a state of self stress holds all floppy modes", best
-    if forms is None:
-        extends = search.tries(best.span_mr[:, 0])
-    else:
-        extends = search.among(forms / scale, push, best.span_mr)
-    if extends:
+    if best.lowest > best.error:
+        return (NO, AMBIGUOUS, AMBIGUOUS), "a state of self stress holds all floppy modes by less than tolerance", best
+    if search.finds(() if forms is not None else best.span_mr.T[:1]) or (
+        forms is not None and search.among(forms / scale, push, best.span_mr)
+    ):
         return (NO, NO, NO), "a flex of second order", best
     stable = AMBIGUOUS
-    if not search.idle.shape[0] and best.bound <= _NONE * tolerance * scale + best.error:
+    if not search.idle.shape[0] and best.bound <= best.error:
         stable = NO
-    if forms is not None and modes == 2 and states > 1 and _held_everywhere(forms / scale, push, tolerance):
+    enough = tolerance + best.error / scale
+    if forms is not None and modes == 2 and states > 1 and _held_everywhere(forms / scale, push, enough):
         return (NO, stable, YES), "each direction of two floppy modes has a state of self stress that holds it", best
-    known = "no state of self stress holds all floppy modes" if stable == NO else "no stress that holds was found"
+    known = (
+        "no state of self stress holds all floppy modes" if stable == NO else f"no stress that holds was found{status}"
+    )
     return (NO, stable, AMBIGUOUS), f"{known}, and no flex was found", best
 
 
 def _most_stable(
     search: _Search, states: int, size_limit: int
-) -> tuple[_Stress, NDArray[np.float64] | None, NDArray[np.float64]]:
-    """Return the most definite form on the floppy modes, those of all states of self stress, and their pushes."""
+) -> tuple[_Stress | None, NDArray[np.float64] | None, NDArray[np.float64], str]:
+    """Return the most definite form on the floppy modes, those of all states, their pushes, and how a solver failed.
+
+    None instead of a form where no state of self stress was found that pulls at no contact.
+    """
     members, stress, motion = search.members, search.stress_ek, search.motion_xm
     assert stress is not None
     contacts = members.rows.contacts
@@ -621,25 +702,28 @@ def _most_stable(
     if states == 1:
         if contacts:
             stress *= np.sign(push.sum())
+            if push.min() < 0.0:
+                return None, None, push, ""
         form, size = members.form(stress[:, 0], motion)
-        return _of_one(form, not contacts, _error_of(search, size), size), form[None], push
+        return _of_one(form, not contacts, _error_of(search, size), size), form[None], push, ""
     if max(states, motion.shape[1]) <= size_limit:
         both = [members.form(one, motion) for one in stress.T]
         forms = np.array([form for form, _ in both])
         found = most_definite(forms, push, _SOLVER_TOLERANCE)
         value, vector = np.linalg.eigh(found.weight_mm)
         size = float(np.linalg.norm([size for _, size in both]))
-        span = vector[:, value > _EXTENDED * value[-1]]
+        span = vector[:, value > _NEARLY_ZERO * value[-1]]
         bound = max(found.bound, found.lowest)
-        return _Stress(found.share_k, found.lowest, _error_of(search, size), bound, size, span), forms, push
+        status = "" if found.solve.outcome is Outcome.CONVERGED else f" ({found.solve.status})"
+        return _Stress(found.share_k, found.lowest, _error_of(search, size), bound, size, span), forms, push, status
     # pushes, or pulls of bars, as equal as they can be in balance
     share = push.sum(axis=0) if contacts else stress.sum(axis=0)
-    share = share / (float(np.linalg.norm(share)) or 1.0)
-    form, size = members.form(stress @ share, motion)
+    pushing = pushing_share(share / (float(np.linalg.norm(share)) or 1.0), push, _SOLVER_TOLERANCE)
+    if pushing is None:
+        return None, None, push, ""
+    form, size = members.form(stress @ pushing, motion)
     best = _of_one(form, not contacts, _error_of(search, size), size)
-    proper = not contacts or (push @ share).min() >= 0.0
-    lowest = best.lowest if proper else -np.inf
-    return best._replace(share_k=best.share_k[0] * share, lowest=lowest, bound=np.inf), None, push
+    return best._replace(share_k=best.share_k[0] * pushing, bound=np.inf), None, push, ""
 
 
 def _flex(packing: Packing, search: _Search) -> tuple[NDArray[np.float64] | None, ...]:

@@ -171,6 +171,17 @@ class RigidityRows:
         return "dense" if self.matrix.shape[0] * len(self.kept) <= _DENSE_ENTRIES else "sparse"
 
 
+def with_strains(position: sp.csr_array, side: NDArray[np.float64], coordinates: int) -> tuple[sp.csr_array, float]:
+    """Return the matrix with columns of admitted strains behind those of the positions, and the strain of their unit.
+
+    Rank does not depend on the size of the strain columns, its tolerance does: they get the mean size of the others.
+    """
+    mean = np.sqrt(2.0 * len(side) / coordinates)
+    size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
+    scale = mean / size if size > 0.0 else 1.0
+    return sp.csr_array(sp.hstack([position, sp.csr_array(side * scale)], format="csr")), scale
+
+
 def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeContacts) -> RigidityRows:
     dimension = packing.dimension
     admitted = strain_directions(dimension, strain)
@@ -178,11 +189,7 @@ def _problem(packing: Packing, strain: BoxStrain, contacts: Contacts | ShapeCont
     there = np.hstack([np.ones((packing.particles, dimension), dtype=bool), (turn != 0.0).any(axis=2)])
     width, absent = there.shape[1], np.flatnonzero(~there.ravel())
     position, side = distance_rows(contacts), strain_columns(contacts) @ admitted
-    # rank does not depend on the size of the strain columns, its tolerance does: give them the mean size of the others
-    mean = np.sqrt(2.0 * len(contacts) / (packing.particles * dimension)) if len(contacts) else 1.0
-    size = float(np.sqrt((side**2).sum(axis=0)).max(initial=0.0))
-    scale = mean / size if size > 0 else 1.0
-    matrix = sp.csr_array(sp.hstack([position, sp.csr_array(side * scale)], format="csr"))
+    matrix, scale = with_strains(position, side, packing.particles * dimension)
     everything = np.ones(position.shape[1], dtype=bool)
     rows = rows_on(ConstraintFactor(packing), everything, np.ones(position.shape[1]), admitted, 1.0 / scale)
     matrix = sp.csr_array(sp.vstack([matrix, rows], format="csr"))
