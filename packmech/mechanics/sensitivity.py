@@ -87,7 +87,7 @@ class Sensitivity:
         "mass" of the particles; (C,) by "contact_stiffness" and (B,) by "bond_stiffness", factors on the energies of
         single contacts and bonds, 1 as they are; (B,) by "rest_length" of bonds and (L,) by "link_length"; (K,) by the
         numbers of the "law"; (d, d) by an "applied_strain" E, the box v -> (1 + E) v: the figure changes by
-        (gradient * E).sum(). Zeros for rattlers.
+        (gradient * E).sum(), whether E turns the box or not. Zeros for rattlers.
     i_c, j_c
         (C,) particles of the contacts, where these are asked for; empty otherwise.
     names
@@ -102,7 +102,7 @@ class Sensitivity:
         Right sides that were solved for, by one factorization; it does not grow with the number of derivatives.
     margin
         Smallest relative overlap of a contact, or gap of a pair that does not touch: how near contacts are to change
-        [1].
+        [1]. Bonded pairs are no contacts.
     seconds
         CPU time.
 
@@ -504,8 +504,9 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity
         "energy", "pressure", "bulk_modulus", "shear_modulus", "young_modulus", "poisson_ratio" (the last two of the
         Hill average), a component of Cauchy's stress ("xy") or of the relaxed stiffness ("xyxy"), all as
         `elastic_moduli` defines them; "frequency", that of one mode; or "packing_fraction": that of a hard packing,
-        whose particles just touch, jammed in a box that keeps its shape or under pressure alone. It rises with what
-        presses its contacts apart least: the forces of its one state of self stress are the derivatives.
+        whose particles just touch and are not fused, held by contacts and links alone, jammed in a box that keeps its
+        shape or under pressure alone. It rises with what presses its contacts apart least: the forces of its one state
+        of self stress are the derivatives.
     to
         "radius" of the particles (masses that were not given follow), "contact_stiffness" (factors on the energies of
         single contacts), "bond_stiffness" (of bonds), "rest_length" (of bonds), "link_length", "law" (all numbers of

@@ -327,9 +327,9 @@ def design(
     scene
         The scene to begin with.
     objective
-        A figure that `sensitivity` knows, such as "poisson_ratio" or "packing_fraction" (that of the hard packing: box
-        and particles find each other anew); or a function of a scene at rest that returns a figure and its derivatives
-        by the numbers, made of those of `sensitivity`.
+        A figure that `sensitivity` knows, such as "poisson_ratio" or "packing_fraction" (that of the hard packing of
+        discs or spheres, by their radii: box and particles find each other anew); or a function of a scene at rest that
+        returns a figure and its derivatives by the numbers, made of those of `sensitivity`.
     by
         What to change: "radius", "aspect", "exponent", "mass", or "rest_length" of bonds, all within bounds; or
         "bonds", which are taken away one by one as long as the rest stays stable to all strains and without floppy
