@@ -399,6 +399,28 @@ def test_a_square_with_a_held_corner_is_rigid_by_itself_with_a_diagonal_and_flop
     assert floppy.floppy_modes == 2
 
 
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_rank_of_a_rigid_cluster_with_held_particles_is_that_of_all_distances_within_it(d):
+    """With one to three held, in one of five on a line."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(4, 9))
+        pairs = [pair for pair in itertools.combinations(range(n), 2) if rng.random() < 0.6]
+        place, held = rng.normal(size=(n, d)), rng.choice(n, 1 + seed % 3, replace=False).tolist()
+        if len(held) == 3 and seed % 5 == 0:
+            place[held[2]] = 0.3 * place[held[0]] + 0.7 * place[held[1]]
+        packing = framework(place, pairs)
+        found = pm.rigid_clusters(pm.Scene(packing, (HARD, pm.FixedParticles(sorted(held)))))
+        for k, own in enumerate(members(found)):
+            rows = np.zeros((len(own) ** 2, n, d))
+            for row, (i, j) in zip(rows, itertools.combinations(own, 2), strict=False):
+                row[j] = packing.position_nd[j] - packing.position_nd[i]
+                row[i] = -row[j]
+            rows[:, held] = 0.0
+            assert found.rigid_rank_k[k] == np.linalg.matrix_rank(rows.reshape(-1, n * d), tol=1e-9), seed
+        assert found.certain
+
+
 def test_what_is_held_is_one_body():
     """Two held discs a distance apart hold a third by two contacts."""
     packing = pm.Packing([[3.0, 3.0], [4.4, 3.0], [3.7, 3.7]], [0.5] * 3, pm.Box.cubic(8.0, 2))
