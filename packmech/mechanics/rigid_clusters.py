@@ -60,8 +60,12 @@ _SWEEPS, _ROUNDING = 12, 3e-15
 # conjugate gradients begin where more than this is left, and end after so many steps, when little of what they began
 # with is left, or when steps are as long as no motion is soft
 _SOFT, _STEPS, _REDUCED, _LONGEST = 1e-12, 60, 1e-8, 1e6
+# motions are soft if the first sweep leaves so many times what it leaves of one at the tolerance
+_LEFT = 3.0
 # corners flatter than this do not turn as a whole [rad]
 _FLAT = 1e-3
+# held particles count as on one line in space if the squares of their distances from it are a smaller part of all
+_STRAIGHT = 1e-12
 _INVERSIONS = 12
 # part of the tolerance for singular values that regularizes, and smallest square of it that rounding allows
 _SHIFT, _SMALLEST_SHIFT = 3e-3, 1e-15
@@ -155,7 +159,8 @@ class RigidClusters:
         (K, d) along which lattice vectors clusters wind around the box; one that winds cannot turn.
     own_rank_k, rigid_rank_k
         (K,) rank of the rows within each cluster alone, and that of one which is rigid: its coordinates less d (d + 1)
-        / 2 rigid motions, or less d where it winds. Where the former is smaller others help to hold it.
+        / 2 rigid motions, or less d where it winds, or less the rotations about held particles where it has any. Where
+        the former is smaller others help to hold it.
     smallest_k
         (K,) smallest singular value of these rows beyond the rigid motions, over a bound on the largest of all [1];
         nan for one joint alone, which is rigid.
@@ -174,9 +179,11 @@ class RigidClusters:
     force_residual, at_rest
         Of a scene with friction, as in `ContactForces`.
     certain
-        Whether the rank of all rows is the same for tolerances ten times smaller and larger, so that no singular value
-        is near them, the inertia of the clusters' own rows agrees with `own_rank_k`, and rates and stresses that count
-        as zero are a tenth of the others or less.
+        Whether all answers are about the same motions: the rank of all rows is the same for a tolerance ten times
+        smaller, random motions and states found no singular value below that but for zeros, states of self stress are
+        counted if and only if some joint is over-constrained, the inertia of the clusters' own rows agrees with
+        `own_rank_k`, and rates and stresses that count as zero are a tenth of the others or less. Of counting, whether
+        no disc that contacts turn has one that slides: a normal force turns no disc, which counting does not know.
     method
         "null space" or "pebble game". Counting knows no numbers: they are nan, and own ranks are those of rigid ones.
     seconds
@@ -263,9 +270,10 @@ def rigid_clusters(
 
     Two parts belong to one cluster if they move as one body in every motion that changes no contact and no link.
     Without friction particles are points, joined by contacts and links, and may be pivots of several clusters. With
-    friction, and of shapes, a particle is a body with its spin, in one cluster at most: contacts that stick forbid
-    slip, those at the Coulomb limit resist along their normal alone, and resistance to rolling and twisting forbids
-    these. A particle whose spin nothing resists is a point. Particles that are held are one body that does not move.
+    friction, and of shapes, a particle is a body, whose spin is in one cluster at most: contacts that stick forbid
+    slip, those at the Coulomb limit resist along their normal alone, so that others may turn about the center of a
+    disc, and resistance to rolling and twisting forbids these. A particle whose spin nothing resists is a point.
+    Particles that are held are one body that does not move, and clusters may turn about one of them.
 
     Parameters
     ----------
@@ -494,16 +502,33 @@ def _bound(square: sp.csc_array) -> float:
     return float(abs(square).sum(axis=0).max()) if square.nnz else 1.0
 
 
+def _resolved(tolerance: float) -> float:
+    """Return the singular value below which random motions keep what a matrix changes, over the bound [1]."""
+    return float(np.sqrt(max((_SHIFT * tolerance) ** 2, _SMALLEST_SHIFT)))
+
+
 def _shifted(square: sp.csc_array, tolerance: float) -> Factorization:
     """Return a matrix A^T A factored, with less than what counts as zero on its diagonal."""
-    shift = max((_SHIFT * tolerance) ** 2, _SMALLEST_SHIFT) * _bound(square)
+    shift = _resolved(tolerance) ** 2 * _bound(square)
     return factorize(sp.csc_array(square + shift * sp.eye_array(square.shape[0])), kind="symmetric")
+
+
+def _ranks(square: sp.csc_array, tolerance: float) -> tuple[int, bool]:
+    """Return the rank of a matrix A from A^T A, and whether it is the same for a tolerance ten times smaller."""
+    if not square.nnz:
+        return 0, True
+    rank, most = (
+        square.shape[0] - eigenvalues_below(square, (one * tolerance) ** 2 * _bound(square)) for one in (1.0, 0.1)
+    )
+    # inertia does not resolve what motions do not
+    return rank, rank == most and 0.1 * tolerance >= _resolved(tolerance)
 
 
 class _NullVectors(NamedTuple):
     """Random motions and forces in balance, rows^T rows, what is left of the rows, and by how much rounding moves both.
 
-    A soft motion takes little of a random one from the rows, so that rounding there makes much of it.
+    A soft motion takes little of a random one from the rows, so that rounding there makes much of it. `soft` is whether
+    there are motions softer than the tolerance that are not of singular value 0: the sweeps find what inertia cannot.
     """
 
     motion_fm: NDArray[np.float64]
@@ -511,6 +536,7 @@ class _NullVectors(NamedTuple):
     square: sp.csc_array
     residual: float
     noise: tuple[float, float]
+    soft: bool
 
 
 def _null_vectors(rows: sp.csr_array, tolerance: float) -> _NullVectors:
@@ -525,7 +551,7 @@ def _null_vectors(rows: sp.csr_array, tolerance: float) -> _NullVectors:
     turned = sp.csr_array(rows.T)
     square = sp.csc_array(turned @ rows)
     if not rows.nnz:
-        return _NullVectors(motion, force, square, 0.0, (0.0, 0.0))
+        return _NullVectors(motion, force, square, 0.0, (0.0, 0.0), False)
     solve = _shifted(square, tolerance).solve
 
     def sweep() -> tuple[float, tuple[float, float]]:
@@ -538,18 +564,23 @@ def _null_vectors(rows: sp.csr_array, tolerance: float) -> _NullVectors:
         left = max(float(np.abs(changed).max()), float(np.abs(pushed).max()))
         return left, (float(np.abs(step[:, :_MOTIONS]).max()), float(np.abs(push).max()))
 
-    for _ in range(_SWEEPS):
+    sweep()
+    # the first leaves shift / s of what has the singular value s
+    size = max(float(np.linalg.norm(one, axis=0).max(initial=0.0)) for one in (rows @ motion, turned @ force))
+    soft = size > _LEFT * _resolved(tolerance) ** 2 / tolerance * np.sqrt(_bound(square))
+    for _ in range(_SWEEPS - 1):
         left, noise = sweep()
         if left <= _ROUNDING:
             break
     # what is left is soft: some few motions, of which each step takes one away
     if left > _SOFT:
+        soft = True
         step, force_left = _least_squares(rows, turned, solve, np.hstack([rows @ motion, force]))
         motion, force = motion - step[:, :_MOTIONS], force_left[:, _MOTIONS:]
         for _ in range(2):
             _, noise = sweep()
     error = max(float(np.abs(rows @ motion).max()), float(np.abs(turned @ force).max()))
-    return _NullVectors(motion, force, square, error, noise)
+    return _NullVectors(motion, force, square, error, noise, soft)
 
 
 def _least_squares(
@@ -611,7 +642,7 @@ class _Motion(NamedTuple):
 def _of_motions(joints: Joints, rank_tolerance: float, tolerance: float) -> _Found:
     """Return rigid clusters from random motions."""
     n, d, t = joints.particles, joints.dimension, 1 if joints.dimension == 2 else 3
-    random, force, square, residual, noise = _null_vectors(joints.rows, rank_tolerance)
+    random, force, square, residual, noise, soft = _null_vectors(joints.rows, rank_tolerance)
     zero_rate, zero_force = (max(tolerance, _NOISES * one) for one in noise)
     motion_f = np.zeros((n * joints.width, _MOTIONS))
     motion_f[joints.column_f] = random
@@ -631,20 +662,18 @@ def _of_motions(joints: Joints, rank_tolerance: float, tolerance: float) -> _Fou
     stress = np.zeros(len(joints.i_e))
     np.maximum.at(stress, joints.joint_r, np.abs(force).max(axis=1))
     stressed = stress > zero_force
-    counts = [
-        square.shape[0]
-        - (eigenvalues_below(square, (one * rank_tolerance) ** 2 * _bound(square)) if square.nnz else square.shape[0])
-        for one in (1.0, 0.1, 10.0)
-    ]
+    rank, one_rank = _ranks(square, rank_tolerance)
+    states = joints.rows.shape[0] - rank
     own = _own_ranks(joints, clusters, rank_tolerance, _bound(square))
     free_stress = float(stress[~stressed].max(initial=0.0))
     least_stress = float(stress[stressed].min(initial=np.inf))
-    certain = len(set(counts)) == 1 and own.certain and between >= 10.0 * within and least_stress >= 10.0 * free_stress
+    certain = one_rank and not soft and own.certain and (states > 0) == bool(stressed.any())
+    certain = certain and between >= 10.0 * within and least_stress >= 10.0 * free_stress
     translations = 0 if joints.held_n.any() else d
     return _Found(
         clusters.cluster_e, clusters.start_k, clusters.member_m, stressed, own.winding_kd, own.rank_k, own.rigid_k,
-        own.smallest_k, counts[0], joints.rows.shape[0], joints.rows.shape[1] - counts[0] - translations, within,
-        between, free_stress, least_stress, residual, certain,
+        own.smallest_k, rank, joints.rows.shape[0], joints.rows.shape[1] - rank - translations, within, between,
+        free_stress, least_stress, residual, certain,
     )  # fmt: skip
 
 
@@ -881,9 +910,7 @@ def _own_ranks(joints: Joints, clusters: _Clusters, tolerance: float, bound: flo
     there[:, d:] &= clusters.turns_m[:, None]
     column = np.flatnonzero(there.ravel())
     block = np.repeat(clusters.cluster_m, q)[column]
-    anchored = np.zeros(count, dtype=bool)
-    anchored[clusters.cluster_m[joints.held_n[clusters.member_m]]] = True
-    rigid = _rigid_motions(joints, clusters, offset, np.asarray(winding.any(axis=1)), anchored)[column]
+    rigid = _rigid_motions(joints, clusters, offset, np.asarray(winding.any(axis=1)))[column]
     rigid, free_k = _orthonormal(rigid, block, count)
     size_k = np.bincount(block, minlength=count)
     rigid_rank = size_k - free_k
@@ -902,16 +929,18 @@ def _own_ranks(joints: Joints, clusters: _Clusters, tolerance: float, bound: flo
         soft = several & ~(smallest > tolerance)
         missing = zeros - int(free_k[~single].sum())
         certain = missing == 0 and not soft.any()
+        most = own_rank.copy()
         for k in np.flatnonzero(soft):
             own = np.flatnonzero(block[kept] == k)
             found = np.linalg.svd(rows[:, own].toarray(), compute_uv=False) if len(own) <= _DENSE else np.zeros(0)
-            own_rank[k] = (
-                np.count_nonzero(found > tolerance * np.sqrt(bound))
+            own_rank[k], most[k] = (
+                np.count_nonzero(found > one * np.sqrt(bound))
                 if len(own) <= _DENSE
-                else (len(own) - eigenvalues_below(square[own][:, own], tolerance**2 * bound))
+                else (len(own) - eigenvalues_below(square[own][:, own], one**2 * bound))
+                for one in (tolerance, min(_resolved(tolerance), tolerance) if len(own) <= _DENSE else 0.1 * tolerance)
             )
         if soft.any():
-            certain = missing == int((rigid_rank - own_rank).sum())
+            certain = missing == int((rigid_rank - own_rank).sum()) and np.array_equal(own_rank, most)
     return _Own(winding, own_rank, rigid_rank, smallest, certain)
 
 
@@ -938,18 +967,25 @@ def _rigid_motions(
     clusters: _Clusters,
     offset_md: NDArray[np.int64],
     winds_k: NDArray[np.bool_],
-    anchored_k: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Return (M q, x) translations and rotations of each cluster, zeros where it cannot move so."""
+    """Return (M q, x) translations and rotations of each cluster, zeros where it cannot move so.
+
+    One that has what is held in it does not move; one that turns about held particles rotates about these alone.
+    """
     d, t, q = joints.dimension, 1 if joints.dimension == 2 else 3, joints.width
     cluster, member = clusters.cluster_m, clusters.member_m
     count = len(clusters.start_k) - 1
     place = joints.position_nd[member] + offset_md @ joints.lattice_dd.T
     size = np.maximum(np.bincount(cluster, minlength=count), 1)
     center = np.stack([np.bincount(cluster, place[:, a], count) / size for a in range(d)], axis=1)
+    held = joints.held_n[member]
+    still, pivot = np.zeros(count, dtype=bool), np.flatnonzero(held & ~clusters.turns_m)
+    still[cluster[held & clusters.turns_m]] = True
+    pivots = np.bincount(cluster[pivot], minlength=count)
+    center[cluster[pivot]] = place[pivot]
     arm = place - center[cluster]
     motion = np.zeros((len(member), q, d + t))
-    motion[:, :d, :d] = np.eye(d)
+    motion[:, :d, :d] = np.eye(d) * (pivots[cluster] == 0)[:, None, None]
     turning = (~winds_k)[cluster].astype(float)
     motion[:, :d, d:] = turned_arms(arm) * turning[:, None, None]
     turn = joints.turn_nkt[member]
@@ -958,8 +994,19 @@ def _rigid_motions(
         body = np.flatnonzero(clusters.turns_m)
         turned[body] = np.linalg.pinv(turn[body]).transpose(0, 2, 1)
         motion[:, d:, d:] = turned * turning[:, None, None]
-    motion[anchored_k[cluster]] = 0.0
+    if (pivots > 1).any():
+        motion[:, :, d:] = motion[:, :, d:] @ _rotations_about(arm[pivot], cluster[pivot], count)[cluster]
+    motion[still[cluster]] = 0.0
     return motion.reshape(-1, d + t)
+
+
+def _rotations_about(arm_pd: NDArray[np.float64], cluster_p: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """Return (K, t, t) rotations of each cluster that leave its held particles where they are, zeros for the rest."""
+    turned = turned_arms(arm_pd)
+    moved = np.zeros((count, turned.shape[2], turned.shape[2]))
+    np.add.at(moved, cluster_p, turned.transpose(0, 2, 1) @ turned)
+    value, vector = np.linalg.eigh(moved)
+    return np.asarray(vector * (value <= _STRAIGHT * value.sum(axis=1, keepdims=True))[:, None])
 
 
 def _orthonormal(
@@ -1040,5 +1087,13 @@ def _counted(joints: Joints) -> _Found:
     rank, nan = int(played.independent_b.sum()), float("nan")
     return _Found(
         label, start, member, stressed, winding, rigid, rigid, np.full(played.clusters, nan), rank, len(bar),
-        2 * n + int(joints.body_n.sum()) - rank - 2, nan, nan, nan, nan, nan, True,
+        2 * n + int(joints.body_n.sum()) - rank - 2, nan, nan, nan, nan, nan, not _pushes_centers(joints),
     )  # fmt: skip
+
+
+def _pushes_centers(joints: Joints) -> bool:
+    """Whether single bars turn bodies not at all: they act on centers, which is no place in general position."""
+    spins = joints.rows[:, joints.column_f % joints.width >= joints.dimension].tocoo()
+    turned = np.bincount(joints.joint_r[spins.coords[0][spins.data != 0.0]], minlength=len(joints.i_e))
+    bodies = joints.body_n[joints.i_e].astype(np.int64) + joints.body_n[joints.j_e]
+    return bool(((joints.bars_e == 1) & (turned < bodies)).any())

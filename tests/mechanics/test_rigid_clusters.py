@@ -33,27 +33,85 @@ def generic(count, d, seed=0):
 
 
 def exact_rank(place, pairs):
-    """Return the rank of the rigidity matrix of whole-number places, by elimination with fractions."""
+    """Return the rank of the rigidity matrix of whole-number or binary places, by elimination with fractions."""
     d = len(place[0])
     rows = []
     for i, j in pairs:
         row = [Fraction(0)] * (d * len(place))
         for a in range(d):
-            row[d * i + a], row[d * j + a] = (Fraction(s * (place[j][a] - place[i][a])) for s in (-1, 1))
+            row[d * i + a], row[d * j + a] = (s * (Fraction(place[j][a]) - Fraction(place[i][a])) for s in (-1, 1))
         rows.append(row)
-    rank = 0
-    for column in range(d * len(place)):
-        pivot = next((r for r in rows[rank:] if r[column] != 0), None)
-        if pivot is None:
+    return len(reduced(rows))
+
+
+def reduced(rows):
+    """Return the independent rows, reduced, by the column that each alone has, by elimination with fractions."""
+    found = {}
+    for row in rows:
+        for column, pivot in found.items():
+            if row[column]:
+                row = [a - row[column] * b for a, b in zip(row, pivot, strict=True)]
+        first = next((k for k, one in enumerate(row) if one), None)
+        if first is None:
             continue
-        rows.remove(pivot)
-        rows.insert(rank, pivot)
-        for k in range(rank + 1, len(rows)):
-            share = rows[k][column] / pivot[column]
-            if share:
-                rows[k] = [a - share * b for a, b in zip(rows[k], pivot, strict=True)]
-        rank += 1
-    return rank
+        row = [one / row[first] for one in row]
+        for column, other in found.items():
+            if other[first]:
+                found[column] = [a - other[first] * b for a, b in zip(other, row, strict=True)]
+        found[first] = row
+    return found
+
+
+def exact_clusters(found):
+    """Return the rank of rows with friction and the cluster of each contact, from all motions, as fractions.
+
+    Places are rounded to 1/1024; contact points divide the distance as the radii, so that a rotation slips nowhere.
+    """
+    packing, contacts = found.packing, found.contacts
+    n, count = packing.particles, len(contacts)
+    near = [[Fraction(round(1024 * a), 1024) for a in one] for one in packing.position_nd.tolist()]
+    side = Fraction(round(1024 * packing.box.lattice_dd[0, 0]), 1024)
+    radius = [Fraction(r) for r in packing.radius_n.tolist()]
+    ends = list(zip(contacts.i_c.tolist(), contacts.j_c.tolist(), strict=True))
+    vector = [
+        [b + m * side - a for a, b, m in zip(near[i], near[j], image, strict=True)]
+        for (i, j), image in zip(ends, contacts.pairs.image_cd.tolist(), strict=True)
+    ]
+    rows, spins = [], {n for pair, slides in zip(ends, found.sliding_c, strict=True) if not slides for n in pair}
+    for (i, j), (x, y), slides in zip(ends, vector, found.sliding_c, strict=True):
+        row = [Fraction(0)] * (3 * n)
+        row[3 * i : 3 * i + 2], row[3 * j : 3 * j + 2] = [-x, -y], [x, y]
+        rows.append(row)
+        if not slides:
+            row = [Fraction(0)] * (3 * n)
+            arm = (x * x + y * y) / (radius[i] + radius[j])
+            row[3 * i : 3 * i + 3], row[3 * j : 3 * j + 3] = [y, -x, -arm * radius[i]], [-y, x, -arm * radius[j]]
+            rows.append(row)
+    pivots = reduced(rows)
+    motions = []
+    for free in set(range(3 * n)) - set(pivots):
+        motions.append([Fraction(0)] * (3 * n))
+        motions[-1][free] = Fraction(1)
+        for column, row in pivots.items():
+            motions[-1][column] = -row[free]
+    rate = [
+        tuple((x * (u[3 * j + 1] - u[3 * i + 1]) - y * (u[3 * j] - u[3 * i])) / (x * x + y * y) for u in motions)
+        for (i, j), (x, y) in zip(ends, vector, strict=True)
+    ]
+    spin = {k: tuple(u[3 * k + 2] for u in motions) for k in spins}
+    # contacts, then discs that turn, are one where they share a particle and a rate
+    number = np.arange(count + n)
+    between = [i in spins and j in spins for i, j in ends]
+    whole = [
+        not both or rate[c] == spin[i] == spin[j] for c, ((i, j), both) in enumerate(zip(ends, between, strict=True))
+    ]
+    parts = [(c, k, rate[c]) for c in range(count) if whole[c] for k in ends[c]] + [
+        (count + k, k, spin[k]) for k in spins
+    ]
+    for (a, k, one), (b, m, other) in itertools.combinations(parts, 2):
+        if k == m and one == other:
+            number[number == number[b]] = number[a]
+    return len(pivots), np.where(whole, number[:count], -1)
 
 
 def diluted(length, share, rng, periodic):
@@ -264,6 +322,103 @@ def test_without_friction_a_jammed_packing_is_one_cluster_and_its_rattlers():
     assert found.winding_kd[0].all() and found.percolates
     assert found.own_rank_k[0] == 2 * found.size_k[0] - 2
     assert found.largest_fraction == found.size_k[0] / 48
+
+
+@pytest.mark.parametrize(("seed", "missed"), [(6, 0), (41, 2), (56, 2)])
+def test_where_most_contacts_slide_exact_motions_say_that_the_null_space_is_right_and_not_the_game(seed, missed):
+    """A normal force acts on the center of a disc: one that turns is a pivot there, and bars on centers depend."""
+    scene = frictional(seed, 16)
+    mu = (0.05, 0.2, 0.5, 1.0)[seed % 4]
+    scene = pm.Scene(scene.packing, (HARD, pm.Friction(0.2 * mu, 0.7)))
+    found, counted = pm.rigid_clusters(scene), pm.rigid_clusters(scene, method="pebble game")
+    assert found.sliding_c.mean() > 0.5
+    rank, cluster = exact_clusters(found)
+    assert found.rank == rank and same_partition(found.cluster_c, cluster) and found.certain
+    assert counted.rank == rank + missed and not agree(found, counted) and not counted.certain
+
+
+@pytest.mark.parametrize("height", [0.0, 1e-11, 1e-10, 1e-9, 1e-8, 3e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3])
+def test_a_flat_triangle_is_certain_only_where_clusters_ranks_and_stresses_are_of_one_triangle(height):
+    """Three bars on one line have a state of self stress; of any height they are rigid, by a singular value like it."""
+    packing = framework([[0, 0], [1, height], [2.1, 0]], pairs := [(0, 1), (1, 2), (0, 2)])
+    found = pm.rigid_clusters(packing)
+    assert found.certain == (height == 0.0 or height > 1e-5)
+    if found.certain:
+        rank = exact_rank(packing.position_nd.tolist(), pairs)
+        assert rank == found.rank == 2 + (height > 0.0) and found.floppy_modes == 4 - rank
+        assert found.size_k.tolist() == ([3] if rank == 3 else [2] * 3) and found.self_held_k.all()
+        assert found.overconstrained_l.tolist() == [rank == 2] * 3
+
+
+def test_a_tolerance_that_rounding_does_not_allow_leaves_ranks_uncertain():
+    packing = framework([[0, 0], [1, 0.5], [2.1, 0]], [(0, 1), (1, 2), (0, 2)])
+    assert pm.rigid_clusters(packing).certain
+    assert not pm.rigid_clusters(packing, rank_tolerance=1e-9).certain
+
+
+def test_every_lattice_whose_rank_is_certain_has_the_rank_that_counting_finds():
+    """Singular values near the transition are small; only where one is taken for zero is there a doubt."""
+    certain = 0
+    for seed in range(12):
+        rng = np.random.default_rng(30000 + seed)
+        packing, contacts = diluted(30, rng.uniform(0.6, 0.75), rng, bool(seed % 2))
+        found = pm.rigid_clusters(packing, contacts=contacts)
+        counted = pm.rigid_clusters(packing, contacts=contacts, method="pebble game")
+        assert found.certain == (found.rank == counted.rank) and agree(found, counted), seed
+        certain += found.certain
+    assert 0 < certain < 12
+
+
+def test_clusters_turn_about_what_is_held_by_itself_and_are_rigid_by_their_own_bars():
+    """A triangle turns about a corner, a tetrahedron in 3 ways about one and in 1 about an edge, a bar about an end."""
+    for place, pairs, held, size, rank in (
+        (generic(3, 2), [(0, 1), (0, 2), (1, 2)], (0,), 3, 4 - 1),
+        (generic(3, 2), [(0, 1), (0, 2), (1, 2)], (0, 1), 3, 2),
+        (generic(2, 2), [(0, 1)], (0,), 2, 2 - 1),
+        (generic(2, 3), [(0, 1)], (0,), 2, 3 - 2),
+        (generic(4, 3), TETRAHEDRON, (0,), 4, 9 - 3),
+        (generic(4, 3), TETRAHEDRON, (0, 1), 4, 6 - 1),
+        (generic(4, 3), TETRAHEDRON, (0, 1, 2), 4, 3),
+    ):
+        found = pm.rigid_clusters(pm.Scene(framework(place, pairs), (HARD, pm.FixedParticles(held))))
+        assert found.size_k[0] == size and found.rank == rank == found.own_rank_k[0] == found.rigid_rank_k[0]
+        assert found.self_held_k.all() and found.certain
+        d = place.shape[1]
+        assert found.floppy_modes == d * (len(place) - len(held)) - rank
+
+
+def test_a_square_with_a_held_corner_is_rigid_by_itself_with_a_diagonal_and_floppy_without():
+    """4 points, 5 bars: rigid about the held corner; 4 bars leave the square to change its angles."""
+    sides = [(0, 1), (1, 2), (2, 3), (0, 3)]
+    place = generic(4, 2)
+    effects = (HARD, pm.FixedParticles((0,)))
+    rigid = pm.rigid_clusters(pm.Scene(framework(place, [*sides, (0, 2)]), effects))
+    assert rigid.size_k.tolist() == [4] and rigid.own_rank_k[0] == 5 and rigid.self_held_k.all()
+    floppy = pm.rigid_clusters(pm.Scene(framework(place, sides), effects))
+    assert floppy.size_k.tolist() == [2] * 4 and floppy.rigid_rank_k.tolist() == [1] * 4
+    assert floppy.floppy_modes == 2
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_rank_of_a_rigid_cluster_with_held_particles_is_that_of_all_distances_within_it(d):
+    """With one to three held, in one of five on a line."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(4, 9))
+        pairs = [pair for pair in itertools.combinations(range(n), 2) if rng.random() < 0.6]
+        place, held = rng.normal(size=(n, d)), rng.choice(n, 1 + seed % 3, replace=False).tolist()
+        if len(held) == 3 and seed % 5 == 0:
+            place[held[2]] = 0.3 * place[held[0]] + 0.7 * place[held[1]]
+        packing = framework(place, pairs)
+        found = pm.rigid_clusters(pm.Scene(packing, (HARD, pm.FixedParticles(sorted(held)))))
+        for k, own in enumerate(members(found)):
+            rows = np.zeros((len(own) ** 2, n, d))
+            for row, (i, j) in zip(rows, itertools.combinations(own, 2), strict=False):
+                row[j] = packing.position_nd[j] - packing.position_nd[i]
+                row[i] = -row[j]
+            rows[:, held] = 0.0
+            assert found.rigid_rank_k[k] == np.linalg.matrix_rank(rows.reshape(-1, n * d), tol=1e-9), seed
+        assert found.certain
 
 
 def test_what_is_held_is_one_body():

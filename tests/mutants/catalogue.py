@@ -774,9 +774,11 @@ CATALOGUE: list[Fault] = [
         "packmech/mechanics/rigid_clusters.py",
         (
             "every decomposition is certain",
-            "        between, free_stress, least_stress, residual, certain,",
-            "        between, free_stress, least_stress, residual, True,",
+            "        free_stress, least_stress, residual, certain,",
+            "        free_stress, least_stress, residual, True,",
         ),
+        ("motions softer than the ranks resolve do not matter", "one_rank and not soft and", "one_rank and"),
+        ("counting knows that normal forces turn no disc", "nan, not _pushes_centers(joints),", "nan, True,"),
     ),
     *_guards(
         "packmech/measure/counting.py",
