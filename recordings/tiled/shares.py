@@ -53,19 +53,18 @@ def judge(particles: int, strain: str, pressure: float, seed: int) -> dict[str, 
 def main(*, packings: int = 10, out: Path = Path(__file__).parent, workers: int | None = None) -> None:
     """Judge the packings, write the table and draw the shares."""
     sizes, kinds = (16, 24, 32, 48, 64), (("isotropic", 1e-9), ("isotropic", 1e-4), ("isotropic", 1e-3), ("free", 1e-9))
-    tables, (figure, axes) = [], plt.subplots(layout="constrained", figsize=(5.0, 3.6))
+    figure, axes = plt.subplots(layout="constrained", figsize=(5.0, 3.6))
+    found = dict.fromkeys(NAMES[:-1], 0)
     for strain, pressure in kinds:
         grid = {"particles": sizes, "strain": strain, "pressure": pressure, "seed": range(packings)}
-        rows = (
-            pm.run_ensemble(judge, grid, out / "members" / f"{strain}-{pressure:g}", workers=workers).of(grid).table()
-        )
-        tables.append(rows)
+        name = f"{strain}-{pressure:g}"
+        rows = pm.run_ensemble(judge, grid, out / "members" / name, workers=workers).of(grid).table()
+        pm.write_table(rows, out / f"{name}.csv")
+        found = {one: count + int(rows[one].sum()) for one, count in found.items()}
         own = [rows["jammed_repeated"][(rows["particles"] == n) & (rows["jammed"] > 0.0)] for n in sizes]
         share = [one.mean() if len(one) else np.nan for one in own]
         axes.plot(sizes, share, marker="so"[strain == "isotropic"], label=f"{strain}, pressure {pressure:g}")
-    table = {name: np.concatenate([one[name] for one in tables]) for name in tables[0]}
-    pm.write_table(table, out / "shares.csv")
-    print({name: int(table[name].sum()) for name in NAMES[:-1]})
+    print(found)
     axes.set(xlabel="particles", ylabel="share jammed for all repeats", ylim=(-0.03, 1.03))
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(out / "shares.png", dpi=160)
