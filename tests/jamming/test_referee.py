@@ -341,6 +341,15 @@ def test_linked_discs_that_nothing_holds_are_no_backbone(tmp_path):
     assert forged(tmp_path, **arrays, backbone_n=np.zeros(3, dtype=bool))
     found = forged(tmp_path, **arrays, backbone_n=np.ones(3, dtype=bool))
     assert not found and "can be taken out" in str(found)
+    # in a box that they fill they hold each other, and an empty backbone says nothing
+    full = {
+        "position_nd": np.array([[0.5, 0.5], [1.5, 0.5]]),
+        "radius_n": np.full(2, 0.5),
+        "lattice_dd": np.diag([2.0, 1.0]),
+    }
+    one = {"i_l": np.array([0]), "j_l": np.array([1]), "image_ld": np.zeros((1, 2), dtype=int)}
+    moved = {"collective_displacement_nd": np.array([[0.0, 1.0], [0.0, -1.0]])}
+    assert not forged(tmp_path, **arrays | full | one | moved, backbone_n=np.zeros(2, dtype=bool))
 
 
 def test_a_rattler_that_moves_says_nothing_of_the_backbone(tmp_path, written):
