@@ -52,8 +52,9 @@ def settle(
     (dynamic relaxation, Cundall 1976). With friction the packing at rest depends on the way to it: on masses, dashpots,
     and tangential displacements at the start. Contacts of a scene whose dashpots are too weak are given one more, of
     damping .3 sqrt(k m), on the way. A packing that is at rest already stays as it is. The packing that comes back
-    holds its tangential displacements. Without friction `quench` finds a minimum of the energy in a fraction of the
-    time.
+    holds its tangential displacements: their sums over the steps carry the error of the time step, which falls as its
+    square and is no small part of what a slight change of the packing makes of its pressure. Without friction `quench`
+    finds a minimum of the energy in a fraction of the time.
 
     Parameters
     ----------
