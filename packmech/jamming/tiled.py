@@ -312,8 +312,9 @@ def _cover(waves: _Waves) -> TiledAnswer:
             continue
         for sign in itertools.product((-0.5, 0.5), repeat=d):
             cells.append((middle + np.array(sign) * half, 0.5 * half))
+    longest = 2.0 * np.pi / long / waves.packing.reference_diameter
     reason = (
         f"forces push on every contact, and full rank at every wave vector: {used} cells, smallest singular value "
-        f"{lowest:.1e}, and a bound for waves longer than {2.0 * np.pi / long / waves.packing.reference_diameter:.3g} diameters"
+        f"{lowest:.1e}, and a bound for waves longer than {longest:.3g} diameters"
     )
     return _answer(JAMMED, reason, None, None, lowest, nearest, long, used)
