@@ -52,9 +52,7 @@ def verify(path: Path) -> tuple[bool, str, str, tuple[str, ...], float, float, f
             why = claim.prove_not_jammed(question) if says == NOT_JAMMED else "nothing claimed"
             if says == JAMMED:
                 figures = claim.prove_jammed(question)
-                why = "singular values at least {:.1e}; least weight of a contact {:.1e}, known to {:.0e}".format(
-                    *figures
-                )
+                why = "singular values at least {:.1e}; least weight {:.1e}, known to {:.0e}".format(*figures)
             proven[question] = says
             reasons.append(f"{question}: {says}: {why}" if says else f"{question}: {why}")
         # whatever else is wrong with a file or its numbers, nothing was proven
