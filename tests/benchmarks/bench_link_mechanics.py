@@ -23,7 +23,7 @@ def linked_crystal(beads: int, repeats: tuple[int, ...]) -> pm.Scene:
     packing = pm.lattice_packing(name, repeats=repeats, relative_overlap=0.03)
     shake = 0.005 * np.random.default_rng(0).normal(size=packing.position_nd.shape)
     packing = packing.replace(position_nd=packing.position_nd + shake)
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     near: list[list[tuple[int, int]]] = [[] for _ in range(packing.particles)]
     for c, (i, j) in enumerate(zip(contacts.i_c.tolist(), contacts.j_c.tolist(), strict=True)):
         near[i].append((j, c))

@@ -96,7 +96,7 @@ def ours(start, effects, threads=1):
 def some_bonds(start):
     """Return bonds along every third contact."""
     packing = pm.Packing(start.position_nd, start.radius_n, pm.Box.cubic(start.side, 2))
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     pick = np.arange(0, len(contacts), 3)
     return pm.Bonds(
         contacts.i_c[pick],

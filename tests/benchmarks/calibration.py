@@ -61,7 +61,7 @@ def calibrate(particles: int = 4096) -> float:
     order = np.lexsort((packing.position_nd[:, 1], np.floor(packing.position_nd[:, 0] / 2.0)))
     packing = packing.replace(position_nd=packing.position_nd[order], radius_n=packing.radius_n[order])
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, skin=0.25)
-    contacts = len(pm.find_contacts(packing))
+    contacts = len(pm.find_contacts(packing, gap_tolerance=0.0))
     row = np.zeros((particles, 8))
     row[:, :2], row[:, 2] = packing.position_nd, packing.radius_n
     shift = pairs.image_cd @ packing.box.lattice_dd.T

@@ -25,7 +25,7 @@ def packing(particles=700):
 
 @functools.cache
 def bonds(particles=700, tangential_stiffness=0.4, scale=1.0):
-    contacts = pm.find_contacts(packing(particles))
+    contacts = pm.find_contacts(packing(particles), gap_tolerance=0.0)
     pick = np.arange(0, len(contacts), 4)
     law = pm.LinearSpring(scale)
     return pm.Bonds(

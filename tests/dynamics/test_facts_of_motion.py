@@ -292,7 +292,7 @@ def test_a_strain_of_one_brings_the_same_lattice_of_images():
 def test_without_friction_nothing_turns_but_what_a_bond_turns():
     """Rows in several blocks hand each other forces; torques only where contacts have them."""
     start = pm.random_packing(800, dimension=2, sizes=pm.Bidisperse(1.4), packing_fraction=0.9, seed=1)
-    near = pm.find_contacts(start)
+    near = pm.find_contacts(start, gap_tolerance=0.0)
     bonds = pm.Bonds(near.i_c[:1], near.j_c[:1], near.image_cd[:1], near.distance_c[:1] * 1.1)
     velocity = np.random.default_rng(1).standard_normal((800, 2))
     run = pm.simulate(pm.Scene(start, (pm.Repulsion(), bonds)), steps=50, velocity_nd=velocity)

@@ -432,7 +432,7 @@ def test_a_run_that_goes_on_from_its_checkpoint_has_the_same_ledger(scene, tmp_p
 
 def test_a_step_that_is_too_long_for_one_contact_is_seen_and_that_contact_is_named():
     scene = jammed(SPRING, fraction=0.95)
-    contacts = pm.find_contacts(scene.packing)
+    contacts = pm.find_contacts(scene.packing, gap_tolerance=0.0)
     light = int(contacts.i_c[0])
     mass = scene.packing.mass_n.copy()
     mass[light] *= 0.02

@@ -30,7 +30,7 @@ def test_a_bond_swings_at_its_frequency_and_turns_no_ellipse():
     end = run.packing
     assert np.linalg.norm(end.position_nd[1] - end.position_nd[0]) - 0.9 == pytest.approx(-start, rel=1e-4)
     assert np.abs(end.shapes.rotation_since(packing.shapes)).max() < 1e-15
-    assert len(pm.find_shape_contacts(packing)) == 1
+    assert len(pm.find_shape_contacts(packing, gap_tolerance=0.0)) == 1
 
 
 def test_bonded_ellipses_that_spin_go_on_spinning_and_keep_momentum_and_energy():
@@ -60,7 +60,7 @@ def test_tangential_springs_between_ellipses_are_refused_with_the_way_out():
 
 def test_bonds_of_touching_ellipses_are_slack_at_the_distance_of_their_touch():
     packing = bonded().packing
-    contacts = pm.find_shape_contacts(packing)
+    contacts = pm.find_shape_contacts(packing, gap_tolerance=0.0)
     bonds = pm.bond_contacts(packing, tangential_stiffness=0.0)
     distance = np.linalg.norm(contacts.vector_cd[0])
     assert bonds.rest_length_b == pytest.approx([distance / (contacts.distance_c[0] / contacts.contact_distance_c[0])])
@@ -75,7 +75,7 @@ def test_bonds_of_touching_ellipses_are_slack_at_the_distance_of_their_touch():
 def test_rigid_bodies_that_touch_twice_get_one_bond():
     square = pm.Packing([[0, 0], [1, 0], [0, 0.95], [1, 0.95]], [0.5] * 4, pm.Box.cubic(6.0, 2))
     bodies = pm.rigid_packing(square, [0, 0, 1, 1])
-    assert len(pm.find_shape_contacts(bodies)) == 2
+    assert len(pm.find_shape_contacts(bodies, gap_tolerance=0.0)) == 2
     assert pm.bond_contacts(bodies, rest="distance").rest_length_b.round(12).tolist() == [0.95]
     with pytest.raises(ValueError, match='rest must be "distance" for rigid bodies'):
         pm.bond_contacts(bodies)

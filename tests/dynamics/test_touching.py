@@ -34,7 +34,7 @@ def test_contacts_are_those_of_the_packing_at_that_time(dimension):
     trace = run.trace
     for t, touching in enumerate(trace.touching_t):
         packing = scene.packing.replace(position_nd=trace.position_tnd[t], box=pm.Box(trace.lattice_tdd[t]))
-        contacts = pm.find_contacts(packing)
+        contacts = pm.find_contacts(packing, gap_tolerance=0.0)
         assert np.array_equal(touching.i_c, contacts.i_c)
         assert np.array_equal(touching.j_c, contacts.j_c)
         assert np.array_equal(touching.image_cd, contacts.image_cd)

@@ -31,7 +31,7 @@ def test_forces_contacts_and_quenched_packings_scale_to_the_last_bit(dimension, 
     start, rest, _ = reference(dimension)
     scaled = scene(dimension, length, energy)
     assert np.array_equal(pm.forces(scaled), pm.forces(start) * (energy / length))
-    one, other = pm.find_contacts(start.packing), pm.find_contacts(scaled.packing)
+    one, other = pm.find_contacts(start.packing, gap_tolerance=0.0), pm.find_contacts(scaled.packing, gap_tolerance=0.0)
     assert np.array_equal(one.image_cd, other.image_cd) and np.array_equal(one.gap_c * length, other.gap_c)
     run = pm.quench(scaled, force_tolerance=1e-10)
     assert run.outcome is rest.outcome and run.steps == rest.steps > 0

@@ -27,7 +27,8 @@ class Answer(NamedTuple):
 
 def answer(scene):
     return Answer(
-        pm.energy(scene), pm.forces(scene), pm.stress_tensor(scene), len(pm.find_contacts(scene.packing))
+        pm.energy(scene), pm.forces(scene), pm.stress_tensor(scene),
+        len(pm.find_contacts(scene.packing, gap_tolerance=0.0)),
     )  # fmt: skip
 
 
@@ -36,7 +37,7 @@ def rounding(*scenes):
     bounds = []
     for scene in scenes:
         packing = scene.packing
-        contacts = pm.find_contacts(packing)
+        contacts = pm.find_contacts(packing, gap_tolerance=0.0)
         terms = contact_terms(scene.effects, contacts)
         images = 1 + np.abs(contacts.image_cd).max(initial=0)
         size = np.abs(packing.position_nd).max() + images * np.abs(packing.box.lattice_dd).max()

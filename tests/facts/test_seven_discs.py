@@ -129,7 +129,7 @@ def test_energy_of_the_stable_packing_starts_with_half_the_eigenvalue():
     scene = stable(1e-12)  # overlaps large enough for their rounding to be small against the change
     modes = pm.normal_modes(scene, count=1, rattlers="keep")
     assert modes.eigenvalue_m[0] > 1e-6  # the source's threshold for "nonzero"
-    small = 0.1 * pm.find_contacts(scene.packing).overlap_c.min() * scene.packing.reference_diameter
+    small = 0.1 * pm.find_contacts(scene.packing, gap_tolerance=0.0).overlap_c.min() * scene.packing.reference_diameter
     both = sum(energy_along(scene, sign * modes.displacement_mnd[0], small) for sign in (1.0, -1.0))
     assert (both - 2.0 * pm.energy(scene)) / small**2 == pytest.approx(modes.eigenvalue_m[0], rel=1e-3)
 

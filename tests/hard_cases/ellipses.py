@@ -185,7 +185,7 @@ def _jammed(aspect: float, pressure: float = 1e-8) -> pm.Scene:
 def _missing_contacts(scene: pm.Scene) -> int:
     """Return what is missing of as many contacts as hold every particle: 3 N' - 2 - contacts + 1."""
     held, _ = pm.remove_rattlers(scene.packing)
-    return 3 * held.particles - 2 - len(pm.find_shape_contacts(held)) + 1
+    return 3 * held.particles - 2 - len(pm.find_shape_contacts(held, gap_tolerance=0.0)) + 1
 
 
 def _quartic_count(aspect: float) -> float:

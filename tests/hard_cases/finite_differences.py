@@ -68,7 +68,7 @@ def strained(scene: pm.Scene, strain_dd: NDArray[np.float64]) -> pm.Scene:
 
 
 def _same_contacts(one: pm.Scene, other: pm.Scene) -> bool:
-    a, b = pm.find_contacts(one.packing), pm.find_contacts(other.packing)
+    a, b = pm.find_contacts(one.packing, gap_tolerance=0.0), pm.find_contacts(other.packing, gap_tolerance=0.0)
     return len(a) == len(b) and bool(
         (a.i_c == b.i_c).all() and (a.j_c == b.j_c).all() and (a.image_cd == b.image_cd).all()
     )

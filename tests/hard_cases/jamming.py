@@ -151,7 +151,7 @@ def isostatic() -> tuple[pm.Packing, pm.Contacts]:
         )
         if run.ok and not pm.find_rattlers(run.packing).all():
             backbone, _ = pm.remove_rattlers(run.packing)
-            contacts = pm.find_contacts(backbone)
+            contacts = pm.find_contacts(backbone, gap_tolerance=0.0)
             if len(contacts) == 2 * backbone.particles - 1:
                 return backbone, contacts
     raise ValueError("packing must have one contact more than degrees of freedom, got none in twenty")

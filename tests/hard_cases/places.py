@@ -80,7 +80,7 @@ def _on_the_boundary(dimension: int) -> float:
     # zero becomes the smallest number on either side, or the opposite face
     place = np.where(grid == 0.0, rng.choice([0.0, -1e-300, 5e-17, -5e-17, float(side)], size=grid.shape), grid)
     packing = pm.Packing(place, np.full(len(place), 0.5 + 1e-9), pm.Box.cubic(side, dimension))
-    found = pm.find_contacts(packing)
+    found = pm.find_contacts(packing, gap_tolerance=0.0)
     pairs = {(int(i), int(j)) for i, j in zip(found.i_c, found.j_c, strict=True)}
     return float(abs(len(found) - dimension * len(grid)) + abs(len(pairs) - dimension * len(grid)))
 
@@ -106,7 +106,7 @@ def _at_contact() -> float:
             gap = float(np.sqrt((place[1] ** 2).sum())) - 1.0
             touches, pushes = gap <= 0.0, gap < 0.0
             scene = pm.Scene(packing, HARMONIC)
-            wrong += (len(pm.find_contacts(packing)) == 1) != touches
+            wrong += (len(pm.find_contacts(packing, gap_tolerance=0.0)) == 1) != touches
             wrong += bool(pm.forces(scene).any()) != pushes
             wrong += pm.energy(scene) < 0.0
     return float(wrong)

@@ -27,7 +27,7 @@ def sheared_crystal(dimension: int) -> pm.Scene:
     """
     name = "square" if dimension == 2 else "sc"
     packing = pm.lattice_packing(name, repeats=(3,) * dimension, relative_overlap=0.01)
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     limit_c = COEFFICIENT * -contacts.gap_c
     along_cd = np.abs(contacts.normal_cd).round()
     if dimension == 2:

@@ -22,7 +22,7 @@ def _packing(position_nd: list[list[float]], radius_n: list[float], lattice_dd: 
 
 def key_list(packing: pm.Packing) -> list[tuple[int, ...]]:
     """Return the contacts that the library finds, as (i, j, image)."""
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     columns = np.column_stack([contacts.i_c, contacts.j_c, contacts.image_cd])
     return [tuple(row) for row in columns.tolist()]
 
@@ -56,7 +56,7 @@ def _single_cell(name: str, dimension: int, contacts_each: int) -> float:
     overlap = 0.01
     packing = pm.lattice_packing(name, repeats=(1,) * dimension, relative_overlap=overlap)
     sigma = packing.reference_diameter
-    if len(pm.find_contacts(packing)) != contacts_each:
+    if len(pm.find_contacts(packing, gap_tolerance=0.0)) != contacts_each:
         return math.inf
     # u' r = -(eps xi / sigma) sigma (1 - xi), shared alike by the axes
     pressure = contacts_each * overlap * (1.0 - overlap) / (dimension * packing.box.volume)
@@ -82,7 +82,7 @@ def _tilted() -> float:
     compact, _ = sheared.reduced()
     short = pm.Packing(compact.wrap(position_nd)[0], start.radius_n, compact)
     one, other = pm.Scene(tilted, HARMONIC), pm.Scene(short, HARMONIC)
-    if len(pm.find_contacts(tilted)) != len(pm.find_contacts(short)):
+    if len(pm.find_contacts(tilted, gap_tolerance=0.0)) != len(pm.find_contacts(short, gap_tolerance=0.0)):
         return math.inf
     return max(
         _relative(pm.energy(one), pm.energy(other)),
@@ -123,7 +123,7 @@ def _wide_sizes_candidates() -> float:
     )
     packing = pm.Packing(position_nd, radius_n, pm.Box.cubic(2000.0, 2))
     pairs = candidate_pairs(packing.position_nd, packing.radius_n, packing.box, scale=1.0, skin=0.1)
-    return len(pairs.i_c) / len(pm.find_contacts(packing))
+    return len(pairs.i_c) / len(pm.find_contacts(packing, gap_tolerance=0.0))
 
 
 def in_units(length: float) -> float:
@@ -132,7 +132,7 @@ def in_units(length: float) -> float:
     scaled = pm.Packing(packing.position_nd * length, packing.radius_n * length, packing.box.scaled(length))
     plain = pm.Scene(packing, HARMONIC)
     other = pm.Scene(scaled, (pm.Repulsion(law=pm.Harmonic(energy_scale=length)),))
-    if len(pm.find_contacts(scaled)) != len(pm.find_contacts(packing)):
+    if len(pm.find_contacts(scaled, gap_tolerance=0.0)) != len(pm.find_contacts(packing, gap_tolerance=0.0)):
         return math.inf
     return max(
         float(abs(pm.energy(other) / length / pm.energy(plain) - 1.0)),

@@ -87,7 +87,7 @@ def _floor(particles: int) -> float:
     run = _jammed(particles, 2, 1e-12)
     if run.outcome is not pm.Outcome.ROUNDING_FLOOR:
         return math.inf
-    touching = pm.find_contacts(run.packing)
+    touching = pm.find_contacts(run.packing, gap_tolerance=0.0)
     return exact_forces(as_it_stands(run.packing, touching)).residual / float(run.report["rounding_floor"])
 
 

@@ -28,7 +28,7 @@ def left_over(scene):
     omega = pm.constraint_jacobian(packing).toarray()
     force = pm.forces(scene).ravel()
     left = force - omega @ np.linalg.lstsq(omega, force, rcond=None)[0]
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     mean = (contacts.overlap_c / contacts.contact_distance_c).mean()
     return float(np.linalg.norm(left.reshape(packing.position_nd.shape), axis=1).max() / mean)
 
@@ -75,7 +75,7 @@ def test_a_scene_without_links_carries_nothing_of_them():
 def test_linked_pairs_and_pairs_of_rigid_clusters_are_no_contacts_in_the_loop():
     scene = trimers(packing_fraction=1.2)
     program = build_program(scene)
-    assert program.evaluate().contacts == len(pm.find_contacts(scene.packing))
+    assert program.evaluate().contacts == len(pm.find_contacts(scene.packing, gap_tolerance=0.0))
     assert program.evaluate().energy == pytest.approx(pm.energy(scene), rel=1e-13)
 
 
@@ -153,7 +153,7 @@ def test_two_crossing_dimers_stay_locked_and_are_named():
     run = pm.quench(pm.Scene(packing, (pm.Repulsion(),)), force_tolerance=1e-8)
     assert run.report["crossing_links"] == ((0, 1),) and run.report["crossed_links"] == ()
     # the source's bound: two ends within length / sqrt2, so that a crossing costs an overlap of 1 - 1/sqrt2
-    assert pm.find_contacts(run.packing).overlap_c.max() >= 1.0 - 1.0 / np.sqrt(2.0) - 1e-12
+    assert pm.find_contacts(run.packing, gap_tolerance=0.0).overlap_c.max() >= 1.0 - 1.0 / np.sqrt(2.0) - 1e-12
 
 
 def test_links_that_cross_on_the_way_are_named():

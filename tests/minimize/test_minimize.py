@@ -43,7 +43,7 @@ def shaken(minimum, amplitude=1e-5):
 
 def recomputed_residual(packing, effects=REPULSION):
     scene = pm.Scene(packing, effects)
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     force = sum(
         -pair_first(effect, r, equal_partners(sigma))
         for effect in effects
@@ -105,7 +105,7 @@ def test_particles_all_at_one_point_part_and_none_is_lost(method, dimension):
     run = pm.quench(scene.replace(packing=together), force_tolerance=1e-3, method=method)
     assert run.ok
     assert np.isfinite(run.packing.position_nd).all()
-    assert pm.find_contacts(run.packing).overlap_c.max() < 0.5
+    assert pm.find_contacts(run.packing, gap_tolerance=0.0).overlap_c.max() < 0.5
 
 
 @pytest.mark.parametrize("method", [None, pm.LBFGS()], ids=name_of)
@@ -278,7 +278,7 @@ def test_trace_holds_every_so_many_steps_first_and_last():
         there = pm.Scene(run.packing.replace(position_nd=trace.position_tnd[t]), REPULSION)
         assert trace.energy_t[t] == pytest.approx(pm.energy(there), rel=1e-12)
         assert trace.pressure_t[t] == pytest.approx(pm.pressure(there), rel=1e-12)
-        assert trace.contacts_t[t] == len(pm.find_contacts(there.packing))
+        assert trace.contacts_t[t] == len(pm.find_contacts(there.packing, gap_tolerance=0.0))
         assert trace.max_force_t[t] == pytest.approx(np.linalg.norm(pm.forces(there), axis=1).max(), rel=1e-9)
 
 

@@ -26,7 +26,7 @@ def nearly_at_rest(particles, dimension, fraction, seed, tolerance=1e-6):
 
 def rounding_floor(scene):
     """Return spacing of the coordinates times the stiffness of the best connected particle, for unit stiffness."""
-    contacts = pm.find_contacts(scene.packing)
+    contacts = pm.find_contacts(scene.packing, gap_tolerance=0.0)
     stiff = 1.0 / contacts.contact_distance_c.min() ** 2 * contacts.count_n().max()
     return stiff * np.spacing(np.abs(scene.packing.box.lattice_dd).max())
 
@@ -55,7 +55,7 @@ def test_every_law_is_polished(law):
 def test_residual_is_that_of_the_returned_packing():
     scene = nearly_at_rest(64, 2, 0.9, 3)
     run = newton(scene, force_tolerance=1e-11)
-    contacts = pm.find_contacts(run.packing)
+    contacts = pm.find_contacts(run.packing, gap_tolerance=0.0)
     force = (1.0 - contacts.distance_c / contacts.contact_distance_c) / contacts.contact_distance_c
     net = np.sqrt((pm.forces(scene.replace(packing=run.packing)) ** 2).sum(axis=1)).max()
     assert run.residual == pytest.approx(net / force.mean(), rel=1e-3)
@@ -129,10 +129,10 @@ def test_a_particle_pushed_by_one_contact_alone_is_let_go():
     position = np.vstack([crystal.position_nd[gone], crystal.position_nd[14] + [0.32, 0.02]])
     radius = np.append(crystal.radius_n[gone], 0.2)
     scene = pm.Scene(pm.Packing(position, radius, crystal.box), (pm.Repulsion(),))
-    assert pm.find_contacts(scene.packing).count_n()[-1] == 1
+    assert pm.find_contacts(scene.packing, gap_tolerance=0.0).count_n()[-1] == 1
     run = newton(scene, force_tolerance=1e-11)
-    overlap = pm.find_contacts(run.packing).overlap_c
-    last = pm.find_contacts(run.packing)
+    overlap = pm.find_contacts(run.packing, gap_tolerance=0.0).overlap_c
+    last = pm.find_contacts(run.packing, gap_tolerance=0.0)
     mine = overlap[(last.i_c == 35) | (last.j_c == 35)]
     assert run.ok and (mine < 1e-11).all()
 

@@ -90,7 +90,7 @@ def test_figures_are_the_measures_of_the_packing(start):
         assert batch.pressure_b[b] == pytest.approx(pm.pressure(now), rel=1e-12)
         np.testing.assert_allclose(batch.stress_bdd[b], pm.stress_tensor(now), atol=1e-13)
         assert batch.packing_fraction_b[b] == pytest.approx(pm.packing_fraction(now.packing), rel=1e-14)
-        assert batch.contacts_b[b] == len(pm.find_contacts(now.packing))
+        assert batch.contacts_b[b] == len(pm.find_contacts(now.packing, gap_tolerance=0.0))
         assert batch.max_force_b[b] <= 1e-8 * batch.mean_force_b[b]
         assert now.packing.link_error < 1e-13
 

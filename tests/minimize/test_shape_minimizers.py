@@ -24,7 +24,7 @@ def test_forces_on_coordinates_are_slopes_of_the_energy(d):
     assert now.energy == pytest.approx(pm.energy(scene), rel=1e-13)
     assert np.abs(now.force_nd[:20] - pm.forces(scene)).max() < 1e-13
     assert np.abs(now.stress_dd - 0.5 * (stress + stress.T)).max() < 1e-13
-    assert now.contacts == len(pm.find_shape_contacts(scene.packing))
+    assert now.contacts == len(pm.find_shape_contacts(scene.packing, gap_tolerance=0.0))
     where, rng, step = program.coordinates(), np.random.default_rng(1), 1e-6
     for _ in range(3):
         way = rng.normal(size=where.shape)

@@ -143,7 +143,7 @@ def test_slopes_forces_and_the_growth_of_the_enthalpy_are_those_of_the_scene():
     one = scene()
     pressure = 0.01
     network = SoftNetwork(one.packing, units_of(one), SYMMETRIC, pressure)
-    contacts = pm.find_contacts(one.packing)
+    contacts = pm.find_contacts(one.packing, gap_tolerance=0.0)
     force = contact_terms(one.effects, contacts).first_c
     assert np.allclose(network.uphill_nd, -pm.forces(one), atol=1e-14)
     assert np.isclose(network.mean_force, np.abs(force).mean(), rtol=1e-13)
@@ -180,7 +180,7 @@ def test_the_newton_step_solves_the_second_derivatives_of_the_enthalpy(law):
     rng = np.random.default_rng(0)
     u, strain = np.zeros(32), rng.normal(size=3)
     # nothing holds what nothing touches
-    touched = np.repeat(pm.find_contacts(one.packing).count_n() > 0, 2)[found.free_f]
+    touched = np.repeat(pm.find_contacts(one.packing, gap_tolerance=0.0).count_n() > 0, 2)[found.free_f]
     u[found.free_f] = np.where(touched, rng.normal(size=len(found.free_f)), 0.0)
     by = 1e-6
     ends = []

@@ -71,7 +71,7 @@ def test_compliance_of_particles_of_two_kinds_is_that_of_a_dense_null_space_and_
     law = pm.LawByKind([[pm.Harmonic(1.0), pm.Harmonic(4.0)], [pm.Harmonic(4.0), pm.Harmonic(0.3)]])
     scene = pm.Scene(pm.assign_kinds(start, (1, 1), seed=2), (pm.Repulsion(law),))
     scene = scene.replace(packing=pm.jam(scene, pressure=1e-6).packing)
-    assert len(set(pm.find_contacts(scene.packing).kinds_c.tolist())) == 3
+    assert len(set(pm.find_contacts(scene.packing, gap_tolerance=0.0).kinds_c.tolist())) == 3
     found = pm.cement(scene, seed=2, freeze=freeze, kind="exact")
     moving = np.flatnonzero(found.stiff_k < len(found.compliance_kee[0]))
     for k in moving[::3]:
@@ -182,7 +182,7 @@ def test_a_rigid_cluster_around_the_box_cannot_be_strained_along_its_way(scenes,
 
 def test_a_contact_that_is_held_already_counts_but_adds_nothing():
     scene = pm.Scene(pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=1e-6), (pm.Repulsion(),))
-    contacts = pm.find_contacts(scene.packing)
+    contacts = pm.find_contacts(scene.packing, gap_tolerance=0.0)
     pairs = list(zip(contacts.i_c.tolist(), contacts.j_c.tolist(), strict=True))
     i, j = pairs[0]
     k = next(k for k in range(16) if (min(i, k), max(i, k)) in pairs and (min(j, k), max(j, k)) in pairs)

@@ -37,7 +37,7 @@ def test_before_cementing_moduli_are_those_of_the_linked_packing(kind):
 
 def first_contacts(scene, count):
     """Return contacts between particles that bear force."""
-    contacts = pm.find_contacts(scene.packing)
+    contacts = pm.find_contacts(scene.packing, gap_tolerance=0.0)
     rattling = pm.find_rattlers(scene.packing)
     return np.flatnonzero(~rattling[contacts.i_c] & ~rattling[contacts.j_c])[:count]
 
@@ -96,7 +96,7 @@ def test_links_that_are_strongly_compressed_are_held_however_soft_the_springs_of
 @pytest.mark.parametrize("kind", ["exact", "unstressed"])
 def test_a_linked_packing_that_yields_to_a_strain_is_refused(kind):
     square = pm.lattice_packing("square", repeats=(4, 4), relative_overlap=1e-3)
-    contacts = pm.find_contacts(square)
+    contacts = pm.find_contacts(square, gap_tolerance=0.0)
     link = pm.Links(contacts.i_c[:1], contacts.j_c[:1], contacts.image_cd[:1], contacts.distance_c[:1])
     with pytest.raises(ValueError, match="^scene.packing must resist every strain"):
         pm.cement(pm.Scene(square.replace(links=link), (pm.Repulsion(),)), kind=kind)
@@ -135,7 +135,7 @@ def test_anisotropy_and_hill_are_those_of_the_moduli():
 def test_aggregation_grows_one_cluster():
     scene = monomers(seed=2, particles=48)
     found = pm.cement(scene, order="aggregate", seed=4, freeze="nothing")
-    contacts = pm.find_contacts(scene.packing)
+    contacts = pm.find_contacts(scene.packing, gap_tolerance=0.0)
     cluster = set()
     for k, c in enumerate(found.contact_l.tolist()):
         ends = {int(contacts.i_c[c]), int(contacts.j_c[c])}

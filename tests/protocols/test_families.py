@@ -209,7 +209,7 @@ def jammed_mixture(ratio, seed, packing_fraction=0.75, scatter=0.0, aspect=None)
 def overlap_of_all_pairs(packing):
     """Return the largest overlap over the contact distance, by every pair and image in turn."""
     if packing.shapes.has_orientations:
-        return float(np.maximum(pm.find_shape_contacts(packing).overlap_c, 0.0).max(initial=0.0))
+        return float(np.maximum(pm.find_shape_contacts(packing, gap_tolerance=0.0).overlap_c, 0.0).max(initial=0.0))
     images = np.stack(np.meshgrid([-1, 0, 1], [-1, 0, 1], indexing="ij"), axis=-1).reshape(-1, 2)
     worst = 0.0
     for image in images:

@@ -10,7 +10,7 @@ import packmech as pm
 
 def network(packing):
     """Return the pairs that touch, rattlers left out."""
-    contacts, rattling = pm.find_contacts(packing), pm.find_rattlers(packing)
+    contacts, rattling = pm.find_contacts(packing, gap_tolerance=0.0), pm.find_rattlers(packing)
     kept = ~(rattling[contacts.i_c] | rattling[contacts.j_c])
     return set(zip(contacts.i_c[kept].tolist(), contacts.j_c[kept].tolist(), strict=True))
 
@@ -119,7 +119,7 @@ def at_pressure(family, seed):
 def contacts_of(packing):
     """Return the pairs that overlap."""
     if packing.shapes.has_orientations:
-        return pm.find_shape_contacts(packing)
+        return pm.find_shape_contacts(packing, gap_tolerance=0.0)
     return pm.find_contacts(packing, gap_tolerance=0.0)
 
 

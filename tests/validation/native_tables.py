@@ -35,7 +35,7 @@ Tensors = Mapping[str, NDArray[np.float64]]
 
 def elastic_pair_forces(scene: Scene) -> PairForces:
     """Return the forces of the contacts of a scene that has no dashpots, friction and bonds."""
-    contacts = find_contacts(scene.packing)
+    contacts = find_contacts(scene.packing, gap_tolerance=0.0)
     terms = contact_terms(scene.effects, contacts)
     force = terms.first_c[:, None] * contacts.normal_cd
     return PairForces(contacts.i_c, contacts.j_c, force, contacts.vector_cd, np.zeros(len(contacts), dtype=bool))

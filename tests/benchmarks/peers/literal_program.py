@@ -57,7 +57,7 @@ def literal(packing: pm.Packing, gap_tolerance: float | None) -> tuple[float, fl
 
 def with_matching(packing: pm.Packing, linked: float, seed: int) -> pm.Packing:
     """Return the packing with links between touching pairs, none sharing a particle, for that part of them."""
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     free = np.ones(packing.particles, dtype=bool)
     chosen: list[int] = []
     for c in np.random.default_rng(seed).permutation(len(contacts)):

@@ -251,7 +251,7 @@ def moduli_rigidpy(seed: int, *, other: OtherPython, particles: int) -> Pair:
     """Return all elastic moduli by packmech, and the bulk modulus of the same springs by rigidpy."""
     scene = jammed(seed, particles)
     packing = scene.packing
-    contacts = pm.find_contacts(packing)
+    contacts = pm.find_contacts(packing, gap_tolerance=0.0)
     place, _ = packing.box.wrap(packing.position_nd)
     call, first = other.prepared(
         "rigidpy",
