@@ -1,7 +1,7 @@
 """Every derivative of a packing at rest: how its figures change with sizes, springs, laws, shapes, masses and strains.
 
 A figure phi of a packing depends on the coordinates y at which it rests and on numbers p. As p changes the packing
-comes to rest anew, K dy = -df with f the slopes of the energy and K their derivatives, so that with the adjoint a
+relaxes again, K dy = -df with f the slopes of the energy and K their derivatives, so that with the adjoint a
 
     d phi / dp = (d phi / dp at fixed y) - a . df/dp,        K a = d phi / dy
 
@@ -488,7 +488,7 @@ def _check_names(scene: Scene, of: str, to: str) -> None:
 def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity:
     """Return the derivatives of one figure of a packing at rest by all numbers of one kind, for the price of a solve.
 
-    They are those of packings that come to rest anew in their box, with the same contacts, as one number changes:
+    They are those of packings that relax again in their box, with the same contacts, as one number changes:
     an adjoint solve on the factored stiffness takes the motion into account, however many numbers there are.
 
     With friction contacts stick, each with its spring as it stands: a number changes at first with forces of springs as

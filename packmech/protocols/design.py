@@ -201,7 +201,7 @@ class _Design:
         return Outcome.CONVERGED if math.isinf(self.goal) and optimum else self.ended()
 
     def _evaluated(self, number_k: NDArray[np.float64]) -> _State:
-        """Return the packing made anew with other numbers; where it fails, something worse than all before."""
+        """Return the packing relaxed again with other numbers; where it fails, something worse than all before."""
         if np.allclose(number_k, numbers_of(self.best.scene, self.by), rtol=1e-14, atol=0.0):
             return self.best
         changed = with_numbers(self.best.scene, self.by, number_k)
@@ -328,7 +328,7 @@ def design(
         The scene to begin with.
     objective
         A figure that `sensitivity` knows, such as "poisson_ratio" or "packing_fraction" (that of the hard packing of
-        discs or spheres, by their radii: box and particles find each other anew); or a function of a scene at rest that
+        discs or spheres, by their radii: box and particles are jammed again); or a function of a scene at rest that
         returns a figure and its derivatives by the numbers, made of those of `sensitivity`.
     by
         What to change: "radius", "aspect", "exponent", "mass", or "rest_length" of bonds, all within bounds; or
