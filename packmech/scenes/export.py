@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -243,80 +244,6 @@ def _bond_vectors(packing: Packing, bonds: Bonds) -> NDArray[np.float64]:
 
 # -- JAX MD ------------------------------------------------------------------------------------------------------------
 
-_JAX = '''"""{title}, written by packmech. Needs jax and jax-md; minimizers take `energy_of(position, neighbors)`."""
-
-from pathlib import Path
-
-import jax
-
-jax.config.update("jax_enable_x64", True)
-import jax.numpy as jnp
-import numpy as np
-from jax_md import partition, smap, space
-
-data = np.load(Path(__file__).with_name("packing.npz"))
-lattice, radius, held = jnp.asarray(data["lattice_dd"]), jnp.asarray(data["radius_n"]), jnp.asarray(data["held_n"])
-# in fractions of the lattice vectors, the columns of lattice_dd
-position = jnp.asarray(data["fraction_nd"])
-displacement, shift = space.periodic_general(lattice, fractional_coordinates=True)
-distance = space.canonicalize_displacement_or_metric(displacement)
-sqrt = jnp.sqrt
-
-
-def repulsion(r, sigma, R, acts, **_):
-    touching = r < sigma
-    # pairs apart are asked for a distance at which every law and its derivative have a value
-    r = jnp.where(touching, r, 0.5*sigma)
-    return jnp.where(touching, acts*({formula}), 0.0)
-
-
-def sum_of(a, b):
-    return a + b
-
-
-def effective(a, b):
-    return a*b/(a + b)
-
-
-def not_both(a, b):
-    # two that are held do not touch
-    return 1.0 - a*b
-
-
-repulsion_energy = smap.pair_neighbor_list(
-    repulsion, distance, sigma=(sum_of, radius), R=(effective, radius), acts=(not_both, held)
-)
-find_neighbors = partition.neighbor_list(
-    displacement, lattice, {reach!r}, dr_threshold={skin!r}, fractional_coordinates=True,
-    format=partition.NeighborListFormat.Dense, disable_cell_list={small}
-)
-i_b, j_b = data["i_b"], data["j_b"]
-stiffness, rest_length = jnp.asarray(data["stiffness_b"]), jnp.asarray(data["rest_length_b"])
-
-
-def bond_energy(position, box):
-    # springs stand for the repulsion of the pair that they join
-    r = jax.vmap(lambda one, other: distance(one, other, box=box))(position[i_b], position[j_b])
-    pushed = repulsion(r, radius[i_b] + radius[j_b], effective(radius[i_b], radius[j_b]), 1.0 - held[i_b]*held[j_b])
-    return jnp.sum(0.5*stiffness*(r - rest_length)**2 - pushed)
-
-
-def energy_of(position, neighbors, box=lattice):
-    bonded = bond_energy(position, box) if len(i_b) else 0.0
-    return repulsion_energy(position, neighbor=neighbors, box=box) + bonded
-
-
-def pressure_of(position, neighbors):
-    scaled = jax.grad(lambda scale: energy_of(position, neighbors, scale*lattice))(1.0)
-    return -scaled/(len(lattice)*jnp.abs(jnp.linalg.det(lattice)))
-
-
-if __name__ == "__main__":
-    neighbors = find_neighbors.allocate(position)
-    print(f"energy {{float(energy_of(position, neighbors)):.16g}}, packmech {energy!r}")
-    print(f"pressure {{float(pressure_of(position, neighbors)):.16g}}, packmech {pressure!r}")
-'''
-
 
 def _write_jax(parts: _Parts, folder: Path) -> tuple[Path, Path]:
     data, script = writable_file("folder", folder / "packing.npz"), writable_file("folder", folder / "scene.py")
@@ -337,7 +264,8 @@ def _write_jax(parts: _Parts, folder: Path) -> tuple[Path, Path]:
     with replacing(data) as partial, open(partial, "wb") as file:
         write_archive(file, arrays)
     reach = 2.0 * float(packing.radius_n.max())
-    text = _JAX.format(
+    template = resources.files("packmech") / "scenes" / "jax-md.template"
+    text = template.read_text(encoding="utf-8").format(
         title=f"{packing.particles} particles in {packing.dimension} dimensions",
         formula=parts.formula,
         reach=reach,
