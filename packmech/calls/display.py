@@ -128,6 +128,11 @@ def _is_empty(value: Any) -> bool:
     return isinstance(value, str | tuple | list | Mapping) and len(value) == 0
 
 
+def counted(number: int, name: str) -> str:
+    """Return a number of things, in words."""
+    return f"{number} {name}" if number == 1 else f"{number} {name}s"
+
+
 def in_words(value: Any) -> str:
     """Return a value in one short line: numbers, small arrays, the shape and the range of large ones.
 

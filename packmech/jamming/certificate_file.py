@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import zipfile
+import zlib
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from packmech.calls.status import shown_as
 from packmech.check import clear_errors, instance
 from packmech.contacts import Contacts, find_contacts
-from packmech.files.archive import write_archive
+from packmech.files.archive import read_archive, write_archive
 from packmech.files.paths import existing_file, replacing, writable_file
 from packmech.jamming import referee
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
@@ -177,7 +179,8 @@ def verify(path: str | Path) -> Verification:
     Returns
     -------
     Verification
-        True where all that is claimed was proven; with the reasons, and bounds on singular values and weights.
+        True where all that is claimed was proven; with the reasons, and bounds on singular values and weights. Where
+        the file is not as it was written, by its seal, a reason says so: what it claims now was judged.
 
     Raises
     ------
@@ -198,4 +201,10 @@ def verify(path: str | Path) -> Verification:
     contacts: pairs with gaps or overlaps up to ... of their distance
 
     """
-    return Verification(*referee.verify(existing_file("path", path)))
+    where = existing_file("path", path)
+    found = Verification(*referee.verify(where))
+    try:
+        read_archive(where)
+    except (ValueError, zipfile.BadZipFile, zlib.error) as error:
+        return replace(found, reasons=(*found.reasons, f"the file: {error}"))
+    return found

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import shown
+from packmech.calls.display import counted, shown
 from packmech.check import BoxStrain
 from packmech.constraints.motion_rules import follow_links
 from packmech.constraints.projection import reaffix_links
@@ -482,10 +482,10 @@ def verdict_text(verdict: Verdict) -> str:
     """
     numbers = verdict_numbers(verdict)
     particles = len(verdict.rattlers)
-    rattlers = _counted(int(verdict.rattlers.sum()), "rattler")
-    note = f"{_counted(verdict.contacts, 'contact')}; {rattlers}, {numbers['danglers']} held by their clusters alone"
+    rattlers = counted(int(verdict.rattlers.sum()), "rattler")
+    note = f"{counted(verdict.contacts, 'contact')}; {rattlers}, {numbers['danglers']} held by their clusters alone"
     if "rattling_clusters" in numbers:
-        note += f", {_counted(numbers['rattling_clusters'], 'whole cluster')} among them"
+        note += f", {counted(numbers['rattling_clusters'], 'whole cluster')} among them"
     rows = [
         *verdict_rows(numbers),
         ("backbone", f"{numbers['backbone_particles']} of {particles}", note),
@@ -498,10 +498,6 @@ def verdict_text(verdict: Verdict) -> str:
 def _solver(verdict: Verdict) -> str:
     bound = "" if verdict.bound is None else f", loads bounded by a {verdict.bound}"
     return f"solver {verdict.solver}{bound}, {verdict.seconds:.3f} CPU seconds"
-
-
-def _counted(number: int, name: str) -> str:
-    return f"{number} {name}" if number == 1 else f"{number} {name}s"
 
 
 def _yes(answer: bool | None) -> str:

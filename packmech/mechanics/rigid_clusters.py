@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from packmech.calls.display import shown
+from packmech.calls.display import counted, shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import brief, instance, integer, one_of, real
@@ -133,7 +133,7 @@ class Joints(NamedTuple):
 def _words(one: RigidClusters) -> str:
     largest = f", the largest of {one.size_k[0]} particles" if len(one) else ""
     doubt = "" if one.certain else ": not certain"
-    return unless_at_rest(one.force_residual, one.at_rest, f"{len(one)} rigid clusters{largest}{doubt}")
+    return unless_at_rest(one.force_residual, one.at_rest, f"{counted(len(one), 'rigid cluster')}{largest}{doubt}")
 
 
 @shown(_words)
@@ -256,7 +256,13 @@ class RigidClusters:
 
 
 @shown_as("rigid clusters")
-@honors("repulsion kinds friction rolling held links shapes", at_rest=True)
+@honors(
+    "repulsion kinds friction rolling held links shapes",
+    at_rest=True,
+    remarks={
+        "bonds": "springs hold no length; links do: packing.replace(links=pm.Links(i_l, j_l, image_ld, length_l))"
+    },
+)
 def rigid_clusters(
     packing: Packing | Scene,
     *,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.calls.display import in_words, value_with_error
+from packmech.calls.display import counted, in_words, value_with_error
 from packmech.check import brief, call_fault, did_you_mean, finite_array, instance, integer, one_of
 from packmech.dynamics.ledger import EnergyLedger
 from packmech.effects import bonds_of, held_particles
@@ -503,7 +503,7 @@ def _draw_clusters(clusters: RigidClusters, ax: Any, *, copies: bool = True) -> 
     handles.append(parts.Line2D([], [], color="#606060", linewidth=5.0, label="over-constrained"))
     ax.legend(handles=handles, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=4)
     ax.set_title(
-        f"{len(clusters)} rigid clusters, {clusters.floppy_modes} floppy modes, "
+        f"{counted(len(clusters), 'rigid cluster')}, {clusters.floppy_modes} floppy modes, "
         f"{clusters.states_of_self_stress} states of self stress"
     )
 

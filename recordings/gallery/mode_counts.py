@@ -1,4 +1,4 @@
-"""How many vibrations of a large packing lie below omega*, and is a list of those in a window complete?
+"""How many vibrations of a large packing lie below a frequency, and is a list of those in a window complete?
 
 Silbert, Liu and Nagel, Phys. Rev. Lett. 95, 098301 (2005), on the plateau of modes above omega*, which falls with
 the pressure. The signs of a sparse factorization count modes without computing one (Sylvester's law of inertia), with a

@@ -180,6 +180,17 @@ def test_a_thousand_tampered_certificates_are_refused(verdicts, tmp_path, writte
     assert min(tried.values()) >= 10
 
 
+def test_a_certificate_that_was_changed_says_so_and_is_judged_by_what_it_claims_now(verdicts, written):
+    path = written(verdicts["triangular"])
+    assert "seal" not in str(pm.verify(path))
+    with np.load(path) as file:
+        arrays = dict(file)
+    np.savez(path, **(arrays | {"strict_force_c": 2.0 * arrays["strict_force_c"]}))
+    found = pm.verify(path)
+    # twice the forces are a proof as well
+    assert found.accepted and found.strict == "jammed" and "by their seal" in str(found)
+
+
 @pytest.mark.parametrize("text", [b"", b"no archive", b"PK\x03\x04 half of one"])
 def test_what_is_no_certificate_is_refused_by_name(tmp_path, text):
     path = tmp_path / "other.npz"

@@ -198,6 +198,50 @@ def test_without_forces_on_every_contact_copies_are_not_jammed_for_sure():
         assert tiled.collective == "ambiguous" and "no forces are known" in tiled.reason
 
 
+def test_copies_are_no_more_strictly_jammed_than_one_box():
+    packing = pm.lattice_packing("triangular", repeats=(3, 3))
+    found = pm.classify_jamming(packing)
+    for word in ("jammed", "not jammed", "ambiguous"):
+        strictly = replace(found.strictly, verdict=word)
+        tiled = judge_tiled(packing, found.collectively, strictly, found.network, found.backbone, (2, 2))
+        assert (tiled.collective, tiled.strict) == ("jammed", word)
+
+
+def test_fewer_contacts_than_coordinates_have_no_smallest_singular_value_but_zero():
+    waves = waves_of(jammed(20, 0, "isotropic").packing)
+    assert waves.count < waves.size and waves.smallest(np.array([0.3, 0.1])) == 0.0
+
+
+def test_strains_that_cost_nothing_but_rounding_leave_no_bound_for_long_waves(monkeypatch):
+    waves = waves_of(jammed(16, 0, "free").packing)
+    assert waves.long_waves() > 0.0
+    floppy = waves.strained()._replace(smallest=1e-12)
+    monkeypatch.setattr(waves, "strained", lambda: floppy)
+    assert waves.long_waves() == 0.0
+
+
+def test_the_motion_of_copies_does_not_depend_on_the_phase_of_its_wave(monkeypatch):
+    waves = waves_of(jammed(20, 0, "isotropic").packing)
+    half = np.array([0.0, 0.5])
+    wave = waves.floppy(half)
+    # at half a reciprocal vector waves are real up to a phase
+    wave = (wave * np.exp(-1j * np.angle(wave[np.argmax(np.abs(wave))]))).real
+    moved = []
+    for factor in (1.0, 1j):
+        monkeypatch.setattr(waves, "floppy", lambda _, factor=factor: factor * wave)
+        motion = waves.motion(half, (1, 2))[1]
+        assert max(motion.closing, motion.opening) < 1e-12
+        moved.append(motion.displacement_nd)
+    np.testing.assert_allclose(moved[0], moved[1], rtol=1e-12)
+
+
+def test_the_bound_on_rows_is_reached_by_a_disc_among_its_images():
+    waves = waves_of(pm.lattice_packing("triangular", repeats=(1, 1)))
+    # rows 2 i n sin(phi) of three contacts, two of them with sin(phi) = 1, whose n n^T have the largest eigenvalue 3/2
+    norm = np.linalg.norm(waves.rows(np.array([0.5, 0.0])), 2)
+    assert norm == pytest.approx(2.0 * np.sqrt(1.5), rel=1e-12) and norm <= waves.bound * (1.0 + 1e-12)
+
+
 def test_links_and_shapes_are_refused():
     chain = pm.chain_packing(2, 4, dimension=2, packing_fraction=0.3, seed=1)
     with pytest.raises(ValueError, match="rigid links"):
