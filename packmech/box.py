@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -211,6 +212,23 @@ class Box:
         length2 = ((moved[far, None] + step @ short.lattice_dd.T) ** 2).sum(axis=2)
         image[far] += step[length2.argmin(axis=1)]
         return np.asarray(image @ change.T).astype(np.int64)
+
+
+class Copies:
+    """Copies of a box side by side, numbered as their places count up, the last lattice vector fastest."""
+
+    def __init__(self, repeats: Sequence[int]) -> None:
+        self.repeats = tuple(int(one) for one in repeats)
+        # places in numbers of boxes, by copy
+        self.place_md = np.indices(self.repeats).reshape(len(self.repeats), -1).T
+
+    def __len__(self) -> int:
+        return len(self.place_md)
+
+    def reached(self, image_cd: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the (M, C) copies that lie so many boxes from each copy, and the (M, C, d) images of all copies."""
+        beyond, inside = np.divmod(self.place_md[:, None] + image_cd, np.array(self.repeats))
+        return np.ravel_multi_index(tuple(np.moveaxis(inside, 2, 0)), self.repeats), beyond
 
 
 def _fraction(position_nd: NDArray[np.float64], inverse_dd: NDArray[np.float64]) -> NDArray[np.float64]:

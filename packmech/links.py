@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.box import Copies
 from packmech.calls.display import shown
 from packmech.check import brief, entries, finite_array, positive_array
 from packmech.jit.compiled import kernel
@@ -255,17 +256,15 @@ class Links:
         """Return the links of copies of a box side by side; copy (a, b) holds the particles from its own number on."""
         if not len(self):
             return self
-        place_md = np.array(list(np.ndindex(*repeats)))
+        copies = Copies(repeats)
         # a link that leaves the box ends in another copy, or beyond all of them
-        beyond, inside = np.divmod(place_md[:, None] + self.image_ld, np.array(repeats))
-        there = np.ravel_multi_index(tuple(np.moveaxis(inside, 2, 0)), repeats)
-        copies = len(place_md)
+        there, beyond = copies.reached(self.image_ld)
         return Links(
-            (self.i_l + particles * np.arange(copies)[:, None]).ravel(),
+            (self.i_l + particles * np.arange(len(copies))[:, None]).ravel(),
             (self.j_l + particles * there).ravel(),
             beyond.reshape(-1, self.dimension),
-            np.tile(self.length_l, copies),
-            np.tile(self.shape_l, copies),
+            np.tile(self.length_l, len(copies)),
+            np.tile(self.shape_l, len(copies)),
         )
 
     def vectors(self, position_nd: NDArray[np.float64], lattice_dd: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from typing import Any, Generic, TypeVar, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from packmech.box import LONGEST, SHORTEST, Box
+from packmech.box import LONGEST, SHORTEST, Box, Copies
 from packmech.calls.display import shown
 from packmech.calls.honors import LINK_TOLERANCE, STRAINED
 from packmech.check import (
@@ -484,7 +484,7 @@ class Packing:
         if self.tangential is not None:
             raise ValueError(f"packing must have no tangential displacements, got {self.tangential.springs}")
         which_n = np.tile(np.arange(self.particles), copies)
-        place_md = np.array(list(np.ndindex(*number)))
+        place_md = Copies(number).place_md
         return Packing(
             (self.position_nd[None] + (place_md @ self.box.lattice_dd.T)[:, None]).reshape(-1, self.dimension),
             self.radius_n[which_n],

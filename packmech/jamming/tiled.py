@@ -30,6 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from packmech.box import Copies
 from packmech.contacts import Contacts
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, TiledAnswer, UnjammingMotion
 from packmech.mechanics.rigidity import rigidity_matrix, strain_columns
@@ -45,10 +46,6 @@ MOST_COPIES, _LOOKED_AT = 12, 16
 MOST_WAVES = 1000
 # parts of the bounds that are used, rounding left out
 _SAFE = 0.999
-
-
-def _places(repeats: tuple[int, ...]) -> NDArray[np.int64]:
-    return np.stack(np.meshgrid(*map(np.arange, repeats), indexing="ij"), axis=-1).reshape(-1, len(repeats))
 
 
 class _StrainedRows(NamedTuple):
@@ -149,7 +146,7 @@ class _Waves:
     def motion(self, fraction_d: NDArray[np.float64], repeats: tuple[int, ...]) -> tuple[Packing, UnjammingMotion]:
         """Return copies of the packing and a real motion of them that is the floppy wave."""
         wave = self.floppy(fraction_d)
-        phase = np.exp(2j * np.pi * (_places(repeats) @ fraction_d))
+        phase = np.exp(2j * np.pi * (Copies(repeats).place_md @ fraction_d))
         whole = np.zeros((len(phase), self.packing.particles, self.d), dtype=complex)
         whole[:, self.kept] = phase[:, None, None] * wave.reshape(-1, self.d)
         # of the real and the imaginary part the one that is no translation, the longer one
@@ -165,11 +162,9 @@ class _Waves:
 
     def stretch(self, moved_mnd: NDArray[np.float64], repeats: tuple[int, ...]) -> NDArray[np.float64]:
         """Return the changes of all contacts of copies, copy by copy [length]."""
-        place, network = _places(repeats), self.network
-        number = np.ravel_multi_index(tuple(place.T), repeats)
-        there = (place[:, None] + network.image_cd[None]) % np.array(repeats)
-        other = np.ravel_multi_index(tuple(np.moveaxis(there, 2, 0)), repeats)
-        apart = moved_mnd[other, network.j_c[None]] - moved_mnd[number][:, network.i_c]
+        network = self.network
+        other, _ = Copies(repeats).reached(network.image_cd)
+        apart = moved_mnd[other, network.j_c[None]] - moved_mnd[:, network.i_c]
         return np.asarray((apart * network.normal_cd[None]).sum(axis=2).ravel())
 
 

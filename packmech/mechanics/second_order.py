@@ -36,6 +36,7 @@ from packmech.calls.status import shown_as
 from packmech.check import STRAINS, BoxStrain, instance, integer, one_of, positive, real
 from packmech.constraints.factor import BASIS_LIMIT
 from packmech.contacts import Contacts
+from packmech.contacts.bead_contact import turned_arms
 from packmech.contacts.elements import elements_of, pair_rows
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import acting_contacts, held_particles, refuse_tangential_springs
@@ -273,14 +274,12 @@ def _trivial(members: _Members) -> NDArray[np.float64]:
     place = network.packing.position_nd + offset @ network.packing.box.lattice_dd.T
     place = place - place.mean(axis=0)
     found = []
-    for axis in np.eye(3)[[2] if d == 2 else slice(None)]:
+    turned = turned_arms(place)
+    for k in range(turned.shape[2]):
         motion = np.zeros((particles, width))
-        solid = np.zeros((particles, 3))
-        solid[:, :d] = place
-        motion[:, :d] = np.cross(axis, solid)[:, :d]
-        spin = axis[2:] if d == 2 else axis
+        motion[:, :d] = turned[:, :, k]
         if width > d:
-            motion[:, d:] = np.einsum("ntk,t->nk", np.linalg.pinv(network.turn_nkt), spin)
+            motion[:, d:] = np.linalg.pinv(network.turn_nkt)[:, k]
         found.append(np.append(motion.ravel(), np.zeros(columns - motion.size)))
     for k, strain in enumerate(members.rows.strain_map.T):
         motion = np.zeros((particles, width))

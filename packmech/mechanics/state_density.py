@@ -10,6 +10,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import ArrayLike, NDArray
 
+from packmech.box import Copies
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
@@ -222,10 +223,9 @@ def _of_copies(
         return _nothing(bins, start)
     # frequencies of half of the waves, and the grid itself
     check_memory("repeats", float(number.prod()) * (4.0 * cell.branches + 64.0))
-    grid = np.stack(np.meshgrid(*(np.arange(n) for n in number), indexing="ij"), axis=-1).reshape(-1, d)
+    grid = Copies(number.tolist()).place_md
     # a wave and the one that runs back have the same frequencies: one of both stands for two
-    back = (-grid) % number
-    place, mirror = (np.ravel_multi_index(tuple(one.T), tuple(number)) for one in (grid, back))
+    place, mirror = np.arange(len(grid)), np.ravel_multi_index(tuple((-grid % number).T), tuple(number))
     chosen = place <= mirror
     times = np.where(place == mirror, 1, 2)[chosen]
     fraction = grid[chosen] / number
