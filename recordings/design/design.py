@@ -38,6 +38,7 @@ def gap(scene: pm.Scene) -> tuple[float, np.ndarray]:
 
 def design(folder: Path) -> None:
     """Write the figure."""
+    folder.mkdir(parents=True, exist_ok=True)
     figure, axes = plt.subplots(1, 3, figsize=(12.0, 3.6), layout="constrained")
     for seed in (1, 2, 3):
         loose = pm.random_packing(32, dimension=2, packing_fraction=0.8, seed=seed)
