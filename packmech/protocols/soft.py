@@ -21,11 +21,13 @@ from packmech.packing import Packing
 from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import Protocol
 
-_FIRST_TOLERANCE = 1e-3
-_SEARCH_ROUNDS = 3
+# net forces over the mean contact force that FIRE goes to, each time Newton's method finds no balance from the last
+_SEARCHED_TO = (1e-3, 3e-5, 9e-7)
 _FIRE_STEPS = 30_000
 # largest number of Newton's steps from one packing on a way to the next
 _NEWTON_STEPS = 25
+# and of those that only go down, before FIRE is asked
+_DOWNHILL = 80
 # mean relative overlap up to which the soft packing is as good as one linear step from the hard one
 FIRST_DEPTH = 1e-7
 # gaps up to this fraction of the contact distance may close on the way to the first soft packing
@@ -47,7 +49,7 @@ _LARGE, _GIVEN_UP = 1000, math.log(2.0)
 # with its box shrunk. Measured at N = 1024 in the plane, seconds of FIRE and Newton's method from the first and from
 # the shrunk one: at 1e-6 .07 to 1.8 and .13 to 2.1, at 1e-5 .5 to 3.3 and .2 to 1.9; where steps were followed before
 # .13 to 2.2 and .6 to 1.5.
-_LINEAR = 1e-6
+_LINEAR = 2e-6
 
 
 def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> SoftState:
@@ -69,21 +71,19 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> S
     with protocol.stage("soft packing, searched") as figures:
         figures.note = "FIRE with the box, then Newton's method"
         asked = scaled_load(goal, 1.0 / protocol.reduced_pressure(1.0))
-        packing, tolerance = protocol.restored(start), _FIRST_TOLERANCE
-        for _ in range(_SEARCH_ROUNDS):
+        packing = protocol.restored(start)
+        for tolerance in _SEARCHED_TO:
             done = protocol.relax_strained(packing, asked, tolerance, _FIRE_STEPS)
             figures.steps += done.steps
             packing = protocol.last = done.packing
-            reduced = protocol.reduced(packing)
-            if packing.plain:
-                best = newton(reduced, protocol.units, protocol.basis_kdd, goal, watch=protocol.in_time)
-            else:
-                best = find_bottom(
-                    reduced, protocol.units, protocol.basis_kdd, goal, protocol.force_tolerance, watch=protocol.in_time
-                )
-            if best.sound(protocol.force_tolerance) or done.merit > tolerance:
+            begin = protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal
+            best = newton(*begin, watch=protocol.in_time) if packing.plain else None
+            at_end = done.merit > tolerance or tolerance == _SEARCHED_TO[-1]
+            # discs find their way sooner by FIRE; where it comes to its end, steps that only go down leave a saddle
+            if best is None or (at_end and not best.sound(protocol.force_tolerance)):
+                best = find_bottom(*begin, protocol.force_tolerance, watch=protocol.in_time)
+            if at_end or best.sound(protocol.force_tolerance):
                 break
-            tolerance *= 0.03
         assert best is not None
         protocol.last = protocol.restored(best.packing)
         figures.residual, figures.force_evaluations = best.residual, figures.steps
@@ -226,6 +226,10 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
         state = newton(start, units, basis_kdd, goal, watch=protocol.in_time)
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
+        if not state.sound(protocol.force_tolerance):
+            state = descend(start, units, basis_kdd, goal, iterations=_DOWNHILL, watch=protocol.in_time)
+            figures.residual, figures.steps = state.residual, figures.steps + state.iterations
+            figures.force_evaluations = figures.steps
         protocol.last = protocol.restored(state.packing)
     return state if state.sound(protocol.force_tolerance) else search_pressure(protocol, start, goal)
 
