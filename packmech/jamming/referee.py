@@ -59,7 +59,7 @@ def verify(path: Path) -> tuple[bool, str, str, tuple[str, ...], float, float, f
         except Exception as error:
             accepted = False
             why = str(error) if isinstance(error, Refused) else f"the file cannot be read: {error!r}"[:200]
-            why = f"the array {error} is missing" if isinstance(error, KeyError) else why
+            why = f"no certificate: the array {error} is missing" if isinstance(error, KeyError) else why
             reasons.append(f"{question}: {says} is not proven: {why}")
     if proven["strict"] == JAMMED and proven["collective"] == NOT_JAMMED:
         accepted, reasons = False, [*reasons, "a packing that is strictly jammed is so collectively"]

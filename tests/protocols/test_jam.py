@@ -404,3 +404,14 @@ def test_a_jammed_packing_s_report_has_its_whole_stress_tensor_of_contacts_found
 def test_a_pressure_that_no_overlap_bears_is_refused(law):
     with pytest.raises(ValueError, match="pressure must be at most .* got 100000"):
         pm.jam(start(16, effects=(pm.Repulsion(law),)), pressure=1e5)
+
+
+@pytest.mark.parametrize(("pressure", "seed"), [(1e-7, 43), (1e-6, 46)])
+def test_a_thousand_discs_whose_first_soft_packing_is_no_balance_end_in_a_minimum(pressure, seed):
+    # a search by FIRE alone ended both on saddles
+    start = pm.random_packing(1024, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=seed)
+    radius_n = start.radius_n * (1.0 + 0.03 * np.random.default_rng(seed + 1000).standard_normal(1024))
+    run = pm.jam(pm.Scene(start.replace(radius_n=radius_n), (pm.Repulsion(),)), pressure=pressure)
+    assert run.converged and run.residual <= 1e-5
+    assert run.report["pressure"] == pytest.approx(pressure, rel=1e-5)
+    assert pm.is_stable(pm.Scene(run.packing, (pm.Repulsion(),)), strain="free")
