@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import io
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,6 +21,11 @@ from numpy.typing import NDArray
 from packmech.check import check_memory
 
 SEAL = "sha256"
+# what numpy and zipfile make of an archive that was damaged, or made by hand
+UNREADABLE = (
+    OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, RuntimeError, OverflowError, MemoryError,
+    zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 _ENDING = ".npy"
 # numbers, truth values, times and texts: what needs no code of a file to be read
 _KINDS = "biufcmMUS"

@@ -26,8 +26,6 @@ files.
 from __future__ import annotations
 
 import functools
-import zipfile
-import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,6 +38,7 @@ from packmech.calls.status import shown_as
 from packmech.check import brief, clear_errors, instance, integer, warn
 from packmech.effects.laws import is_law
 from packmech.files import npz
+from packmech.files.archive import UNREADABLE
 from packmech.files.extended_xyz import EXTXYZ
 from packmech.files.formats import LAW, Format, Frames, Given
 from packmech.files.gsd_file import GSD
@@ -52,11 +51,6 @@ from packmech.files.vtk_file import VTK
 from packmech.packing import Packing
 
 T = TypeVar("T")
-# what libraries raise at broken files; numbers of bytes that are no such numbers ask for any memory
-_UNREADABLE = (
-    *(OSError, EOFError, RuntimeError, MemoryError, LookupError, ArithmeticError, TypeError, ValueError),
-    zipfile.BadZipFile,
-)
 
 FORMATS = {one.name: one for one in (NPZ, GSD, PLAIN, CSV, DATA, DUMP, EXTXYZ, VTK)}
 _ENDINGS = {ending: one for one in FORMATS.values() for ending in one.endings}
@@ -482,5 +476,5 @@ def _in_file(path: Path, read: Callable[[], T]) -> T:
     """Return what `read` returns; its errors, of whatever library, become one ValueError that names the file."""
     try:
         return read()
-    except (*_UNREADABLE, AttributeError, zlib.error) as error:
+    except (*UNREADABLE, ArithmeticError) as error:
         raise ValueError(f"path must name a readable packing, got {str(path)!r}: {error}") from error

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,7 @@ from numpy.typing import NDArray
 from packmech.calls.status import shown_as
 from packmech.check import clear_errors, instance
 from packmech.contacts import Contacts, find_contacts
-from packmech.files.archive import read_archive, write_archive
+from packmech.files.archive import UNREADABLE, read_archive, write_archive
 from packmech.files.paths import existing_file, replacing, writable_file
 from packmech.jamming import referee
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
@@ -205,6 +203,6 @@ def verify(path: str | Path) -> Verification:
     found = Verification(*referee.verify(where))
     try:
         read_archive(where)
-    except (ValueError, zipfile.BadZipFile, zlib.error) as error:
+    except UNREADABLE as error:
         return replace(found, reasons=(*found.reasons, f"the file: {error}"))
     return found

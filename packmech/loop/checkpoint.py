@@ -11,8 +11,6 @@ import hashlib
 import io
 import json
 import os
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -23,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech
+from packmech.files.archive import UNREADABLE
 from packmech.files.paths import existing_file, file_name, replacing, writable_file
 from packmech.jit.source_key import source_key
 from packmech.scene import Scene
@@ -34,11 +33,6 @@ _VERSION = 2
 _HEAD = "checkpoint_json"
 _SEAL = b"packmech checkpoint; SHA-256 of all bytes before: "
 _DIGITS = 64
-# what an archive that was damaged before its checksum was made, or by hand, makes of numpy and zipfile
-_UNREADABLE = (
-    OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, RuntimeError, OverflowError, MemoryError,
-    zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
 
 
 class Checkpoint(NamedTuple):
@@ -175,7 +169,7 @@ def read_checkpoint(path: Any, kind: str, *, argument: str = "path") -> Checkpoi
     found = existing_file(argument, path)
     try:
         head, arrays = _read(found.read_bytes())
-    except _UNREADABLE as reason:
+    except UNREADABLE as reason:
         raise ValueError(f"{argument} must name a checkpoint, got {str(path)!r}: {reason}") from reason
     if head["kind"] != kind:
         raise ValueError(f"{argument} must name a checkpoint of {kind}, got {str(path)!r}, one of {head['kind']}")
@@ -311,7 +305,7 @@ def damage_refused(argument: str, path: Any) -> Iterator[None]:
     """
     try:
         yield
-    except _UNREADABLE as reason:
+    except UNREADABLE as reason:
         words = f"it must hold {reason}, got none" if isinstance(reason, KeyError) else str(reason)
         raise ValueError(f"{argument} must hold a run that can go on, got {str(path)!r}: {words}") from reason
 
@@ -355,7 +349,7 @@ class RunsFile:
                 for name, value in arrays.items():
                     run, _, rest = name.partition(".")
                     self.arrays[int(run)][rest] = value
-            except _UNREADABLE as reason:
+            except UNREADABLE as reason:
                 raise ValueError(f"checkpoint must hold runs, got {str(self.path)!r}: {reason}") from reason
 
     def begin(self, run: Restorable, settings: Mapping[str, Any]) -> bool:

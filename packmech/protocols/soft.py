@@ -45,10 +45,10 @@ _DEEPER = StepLengths(
 )  # fmt: skip
 # Large packings rearrange at so many pressures that steps that fail are halved only once: FIRE finds the way sooner.
 _LARGE, _GIVEN_UP = 1000, math.log(2.0)
-# Mean relative overlap up to which Newton's method goes from the first soft packing of a large one, beyond which FIRE from
-# the hard one with its box shrunk. Measured at N = 1024 in the plane, ten seeds, seconds from the first and by FIRE: at
-# 1e-6 .04 to .25 (one 4.3) and .1 to 1.6, of which one ended on a saddle; at 1e-5, three seeds, .4 to 1.0 and .3 to 1.1,
-# and the first alone takes 6 s at N = 4096.
+# Mean relative overlap up to which Newton's method goes from the first soft packing of a large one, beyond which FIRE
+# goes from the hard one with its box shrunk. Measured at N = 1024 in the plane, ten seeds, seconds from the first and
+# of FIRE: at 1e-6 .04 to .25 (one 4.3) and .1 to 1.6, of which one ended on a saddle; at 1e-5, three seeds, .4 to 1.0
+# and .3 to 1.1; at N = 4096 the first alone takes 6 s there.
 _LINEAR = 2e-6
 
 
