@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,19 +213,22 @@ class Box:
         return np.asarray(image @ change.T).astype(np.int64)
 
 
+@dataclass(frozen=True)
 class Copies:
     """Copies of a box side by side, numbered as their places count up, the last lattice vector fastest."""
 
-    def __init__(self, repeats: Sequence[int]) -> None:
-        self.repeats = tuple(int(one) for one in repeats)
-        # places in numbers of boxes, by copy
-        self.place_md = np.indices(self.repeats).reshape(len(self.repeats), -1).T
+    repeats: tuple[int, ...]
+
+    @functools.cached_property
+    def place_md(self) -> NDArray[np.int64]:
+        """The (M, d) places of the copies, in numbers of boxes."""
+        return np.indices(self.repeats).reshape(len(self.repeats), -1).T
 
     def __len__(self) -> int:
         return len(self.place_md)
 
     def reached(self, image_cd: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return the (M, C) copies that lie so many boxes from each copy, and the (M, C, d) images of all copies."""
+        """Return the (M, C) copies where what leaves copy m by image c ends, and by which (M, C, d) image of all."""
         beyond, inside = np.divmod(self.place_md[:, None] + image_cd, np.array(self.repeats))
         return np.ravel_multi_index(tuple(np.moveaxis(inside, 2, 0)), self.repeats), beyond
 

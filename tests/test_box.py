@@ -8,6 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
+from packmech.box import Copies
 
 
 @st.composite
@@ -193,3 +194,12 @@ def test_boxes_are_equal_when_every_bit_of_their_vectors_is():
 def test_wrong_lattice_vectors_are_refused(lattice, message):
     with pytest.raises((TypeError, ValueError), match=message):
         pm.Box(lattice)
+
+
+@pytest.mark.parametrize("repeats", [(3,), (2, 3), (1, 2, 4)])
+def test_what_leaves_a_copy_ends_in_another_or_in_an_image_of_all(repeats):
+    copies, size = Copies(repeats), np.array(repeats)
+    image_cd = np.random.default_rng(0).integers(-5, 6, size=(20, len(repeats)))
+    number, beyond = copies.reached(image_cd)
+    assert copies.place_md.tolist() == [list(place) for place in itertools.product(*map(range, repeats))]
+    np.testing.assert_array_equal(copies.place_md[number] + beyond * size, copies.place_md[:, None] + image_cd)

@@ -129,7 +129,7 @@ def _is_empty(value: Any) -> bool:
 
 
 def counted(number: int, name: str) -> str:
-    """Return a number of things, in words."""
+    """Return a number with the name of what it counts, in the plural but for one."""
     return f"{number} {name}" if number == 1 else f"{number} {name}s"
 
 

@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import io
+import lzma
+import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -23,8 +26,8 @@ from packmech.check import check_memory
 SEAL = "sha256"
 # what numpy and zipfile make of an archive that was damaged, or made by hand
 UNREADABLE = (
-    OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, RuntimeError, OverflowError, MemoryError,
-    zipfile.BadZipFile, zlib.error,
+    OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, RuntimeError, ArithmeticError, MemoryError,
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, tokenize.TokenError,
 )  # fmt: skip
 _ENDING = ".npy"
 # numbers, truth values, times and texts: what needs no code of a file to be read

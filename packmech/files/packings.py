@@ -476,5 +476,5 @@ def _in_file(path: Path, read: Callable[[], T]) -> T:
     """Return what `read` returns; its errors, of whatever library, become one ValueError that names the file."""
     try:
         return read()
-    except (*UNREADABLE, ArithmeticError) as error:
+    except UNREADABLE as error:
         raise ValueError(f"path must name a readable packing, got {str(path)!r}: {error}") from error

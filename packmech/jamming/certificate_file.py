@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from packmech.calls.status import shown_as
 from packmech.check import clear_errors, instance
 from packmech.contacts import Contacts, find_contacts
-from packmech.files.archive import UNREADABLE, read_archive, write_archive
+from packmech.files.archive import SEAL, UNREADABLE, seal, write_archive
 from packmech.files.paths import existing_file, replacing, writable_file
 from packmech.jamming import referee
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
@@ -31,7 +31,7 @@ class Verification:
     collective, strict
         What was proven: "jammed", "not jammed", or "" where nothing was claimed or the proof failed.
     reasons
-        A sentence on each question.
+        A sentence on each question, and on the file.
     gap_tolerance
         Up to which gaps and overlaps pairs were taken for contacts, in contact distances [1]: all is proven for these.
     smallest_singular_value
@@ -201,8 +201,17 @@ def verify(path: str | Path) -> Verification:
     """
     where = existing_file("path", path)
     found = Verification(*referee.verify(where))
-    try:
-        read_archive(where)
-    except UNREADABLE as error:
-        return replace(found, reasons=(*found.reasons, f"the file: {error}"))
+    if _is_changed(where):
+        said = "the file was changed since it was written, by its seal: judged is what it holds now"
+        found = replace(found, reasons=(*found.reasons, said))
     return found
+
+
+def _is_changed(path: Path) -> bool:
+    """Return whether a file has a seal that does not fit its arrays; what cannot be read the referee has refused."""
+    try:
+        with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = dict(file)
+        return SEAL in arrays and str(arrays[SEAL]) != seal(arrays)
+    except UNREADABLE:
+        return False

@@ -59,7 +59,7 @@ def verify(path: Path) -> tuple[bool, str, str, tuple[str, ...], float, float, f
         except Exception as error:
             accepted = False
             why = str(error) if isinstance(error, Refused) else f"the file cannot be read: {error!r}"[:200]
-            why = f"no certificate: the array {error} is missing" if isinstance(error, KeyError) else why
+            why = f"the array {error} is missing" if isinstance(error, KeyError) else why
             reasons.append(f"{question}: {says} is not proven: {why}")
     if proven["strict"] == JAMMED and proven["collective"] == NOT_JAMMED:
         accepted, reasons = False, [*reasons, "a packing that is strictly jammed is so collectively"]
@@ -75,7 +75,7 @@ class _Claim:
     def __init__(self, path: Path) -> None:
         with open(path, "rb") as opened, np.load(opened, allow_pickle=False) as file:
             self.held = held = {name: file[name] for name in file.files}
-        if str(held["kind"]) != "certificate of jamming" or int(held["version"]) != 1:
+        if str(held.get("kind")) != "certificate of jamming" or int(held.get("version", 0)) != 1:
             raise Refused("not a certificate of this kind and version")
         self.position_nd, self.lattice_dd = _numbers(held["position_nd"], 2), _numbers(held["lattice_dd"], 2)
         self.radius_n = _numbers(held["radius_n"], 1)

@@ -7,8 +7,8 @@ are sums of waves u exp(2 pi i f.n), f a fraction of the reciprocal lattice with
 number of the copy. Jammed for all repeats: the rows R(f) have full rank at every f but 0.
 
 In a gauge of waves u exp(i k.x), rows of a contact with vector v are n.(u_j exp(i phi) - u_i exp(-i phi)), with
-phi = k.v / 2. From one k to another they change by at most B max |change of phi|, B the norm of the rows with both
-signs positive. So a smallest singular value s in the middle of a cell of wave vectors proves that it is positive all
+phi = k.v / 2. From one k to another they change by at most B max |change of phi|, B the norm of the rows with all
+entries positive. So a smallest singular value s in the middle of a cell of wave vectors proves that it is positive all
 over the cell, if phases change by less than s / B in it; cells where it does not are divided. Near k = 0, where s goes
 to zero as |k|, a wave is a displacement gradient a k and a motion w within the box. With s1 the smallest singular value
 of the rows with strains beside them, scaled by S,

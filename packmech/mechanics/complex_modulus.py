@@ -26,6 +26,7 @@ from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import instance, one_of, particle_mask, positive_array, two_axes
 from packmech.contacts import Contacts
+from packmech.contacts.bead_contact import turned_arms
 from packmech.contacts.elements import Elements, elements_of
 from packmech.contacts.fused_volume import second_moments
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
@@ -375,8 +376,7 @@ def _drag(scene: Scene) -> float:
 
 def _rotations(dimension: int) -> NDArray[np.float64]:
     """Return the (t, d, d) displacement gradients of rotations about the axes, about z in a plane."""
-    cross = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1)
-    return cross if dimension == 3 else cross[2:, :2, :2]
+    return turned_arms(np.eye(dimension)).transpose(2, 1, 0)
 
 
 def _flow(direction: NDArray[np.float64], turn_nkt: NDArray[np.float64]) -> NDArray[np.float64]:

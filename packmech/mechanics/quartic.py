@@ -19,6 +19,7 @@ from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
 from packmech.check import STRAINS, BoxStrain, finite_array, instance, one_of, real
 from packmech.contacts import Contacts
+from packmech.contacts.bead_contact import turned_arms
 from packmech.contacts.shape_contacts import ShapeContacts
 from packmech.jit.blas import single_thread
 from packmech.mechanics.modes import signed_columns
@@ -228,11 +229,7 @@ def free_turns(packing: Packing, contacts: Contacts | ShapeContacts) -> NDArray[
                 share = np.linalg.solve(turn[n].T, line)[None]
             for one in share:
                 motion = np.zeros((packing.particles, width))
-                rotation = one @ turn[n]
-                beside = np.zeros(3)
-                beside[:d] = arm[mine[0]]
-                about = np.array([0.0, 0.0, rotation[0]]) if d == 2 else rotation
-                motion[n, :d] = -np.cross(about, beside)[:d]
+                motion[n, :d] = -turned_arms(arm[mine[:1]])[0] @ (one @ turn[n])
                 motion[n, d:] = one
                 found.append(motion)
     return np.array(found).reshape(len(found), packing.particles, width)

@@ -274,12 +274,12 @@ def _trivial(members: _Members) -> NDArray[np.float64]:
     place = network.packing.position_nd + offset @ network.packing.box.lattice_dd.T
     place = place - place.mean(axis=0)
     found = []
-    turned = turned_arms(place)
+    turned, spin = turned_arms(place), np.linalg.pinv(network.turn_nkt)
     for k in range(turned.shape[2]):
         motion = np.zeros((particles, width))
         motion[:, :d] = turned[:, :, k]
         if width > d:
-            motion[:, d:] = np.linalg.pinv(network.turn_nkt)[:, k]
+            motion[:, d:] = spin[:, k]
         found.append(np.append(motion.ravel(), np.zeros(columns - motion.size)))
     for k, strain in enumerate(members.rows.strain_map.T):
         motion = np.zeros((particles, width))

@@ -223,7 +223,7 @@ def _of_copies(
         return _nothing(bins, start)
     # frequencies of half of the waves, and the grid itself
     check_memory("repeats", float(number.prod()) * (4.0 * cell.branches + 64.0))
-    grid = Copies(number.tolist()).place_md
+    grid = Copies(tuple(number.tolist())).place_md
     # a wave and the one that runs back have the same frequencies: one of both stands for two
     place, mirror = np.arange(len(grid)), np.ravel_multi_index(tuple((-grid % number).T), tuple(number))
     chosen = place <= mirror

@@ -503,8 +503,8 @@ def _draw_clusters(clusters: RigidClusters, ax: Any, *, copies: bool = True) -> 
     handles.append(parts.Line2D([], [], color="#606060", linewidth=5.0, label="over-constrained"))
     ax.legend(handles=handles, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.0), ncols=4)
     ax.set_title(
-        f"{counted(len(clusters), 'rigid cluster')}, {clusters.floppy_modes} floppy modes, "
-        f"{clusters.states_of_self_stress} states of self stress"
+        f"{counted(len(clusters), 'rigid cluster')}, {counted(clusters.floppy_modes, 'floppy mode')}, "
+        f"{counted(clusters.states_of_self_stress, 'state')} of self stress"
     )
 
 

@@ -46,16 +46,17 @@ _DEEPER = StepLengths(
 # Large packings rearrange at so many pressures that steps that fail are halved only once: FIRE finds the way sooner.
 _LARGE, _GIVEN_UP = 1000, math.log(2.0)
 # Mean relative overlap up to which Newton's method goes from the first soft packing of a large one, beyond which FIRE
-# goes from the hard one with its box shrunk. Measured at N = 1024 in the plane, ten seeds, seconds from the first and
-# of FIRE: at 1e-6 .04 to .25 (one 4.3) and .1 to 1.6, of which one ended on a saddle; at 1e-5, three seeds, .4 to 1.0
-# and .3 to 1.1; at N = 4096 the first alone takes 6 s there.
-_LINEAR = 2e-6
+# goes from the hard one with its box shrunk: somewhat above 1e-6, which a pressure of 1e-6 asks for. Measured in the
+# plane, seconds from the first and of FIRE: N = 1024 at 1e-6, ten seeds, .04 to .25 (one 4.3) and .1 to 1.6, of which
+# one ended on a saddle, at 1e-5, three seeds, .4 to 1.0 and .3 to 1.1; N = 4096 at 1e-5, two, 10 to 13 and 3.5.
+_FROM_FIRST = 2e-6
 
 
 def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> SoftState:
     """Return the packing at the load: FIRE in positions and free strains until it is near, then Newton's method.
 
-    The network rearranges on the way; the stage's note says so.
+    Links and shapes go down by Newton's steps, discs too where nothing else brought them to balance. The network
+    rearranges on the way; the stage's note says so.
 
     Parameters
     ----------
@@ -67,26 +68,32 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> S
         Pressure or load to reach, in reduced units.
 
     """
-    best: SoftState | None = None
+    enough = protocol.force_tolerance
     with protocol.stage("soft packing, searched") as figures:
         figures.note = "FIRE with the box, then Newton's method"
         asked = scaled_load(goal, 1.0 / protocol.reduced_pressure(1.0))
         packing = protocol.restored(start)
         for tolerance in _SEARCHED_TO:
             done = protocol.relax_strained(packing, asked, tolerance, _FIRE_STEPS)
-            figures.steps += done.steps
             packing = protocol.last = done.packing
-            begin = protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal
-            best = newton(*begin, watch=protocol.in_time) if packing.plain else None
-            at_end = done.merit > tolerance or tolerance == _SEARCHED_TO[-1]
-            # discs find their way sooner by FIRE; where it comes to its end, steps that only go down leave a saddle
-            if best is None or (at_end and not best.sound(protocol.force_tolerance)):
-                best = find_bottom(*begin, protocol.force_tolerance, watch=protocol.in_time)
-            if at_end or best.sound(protocol.force_tolerance):
+            near = protocol.reduced(packing), protocol.units, protocol.basis_kdd, goal
+            if packing.plain:
+                best = newton(*near, watch=protocol.in_time)
+            else:
+                best = find_bottom(*near, enough, watch=protocol.in_time)
+            figures.steps += done.steps + best.iterations
+            figures.force_evaluations += done.steps + best.evaluations
+            if best.sound(enough) or done.merit > tolerance:
                 break
-        assert best is not None
+        if packing.plain and not best.sound(enough):
+            # of discs FIRE finds the way sooner; steps that only go down leave the saddle where it came to its end
+            figures.note += ", and by its steps that go down"
+            lower = find_bottom(*near, enough, watch=protocol.in_time)
+            figures.steps += lower.iterations
+            figures.force_evaluations += lower.evaluations
+            best = min(best, lower, key=lambda one: (one.negative, one.residual + one.stress_error))
         protocol.last = protocol.restored(best.packing)
-        figures.residual, figures.force_evaluations = best.residual, figures.steps
+        figures.residual = best.residual
     return best
 
 
@@ -205,7 +212,8 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
     """Return the soft packing at the pressure that a large hard packing is pressed to, at one go.
 
     Large packings rearrange at so many pressures that those pressed deeper than `FIRST_DEPTH` are not followed: where
-    Newton's method from the first soft packing does not end in balance, FIRE finds the way.
+    Newton's method from the first soft packing does not end in balance, its steps that go down do, or FIRE finds the
+    way.
 
     Parameters
     ----------
@@ -219,19 +227,21 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
     """
     units, basis_kdd = protocol.units, protocol.basis_kdd
     depth = depth_asked(hard, units, goal)
-    if depth > _LINEAR:
+    if depth > _FROM_FIRST:
         return search_pressure(protocol, scale_box(hard.packing, 1.0 / (1.0 + depth)), goal)
     with protocol.stage("soft packing") as figures:
         start = first_soft(hard, units, basis_kdd, goal)
         state = newton(start, units, basis_kdd, goal, watch=protocol.in_time)
-        figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
-        figures.note = "Newton's method from the hard packing"
+        figures.note, figures.steps = "Newton's method from the hard packing", state.iterations
+        figures.force_evaluations = state.evaluations
         if not state.sound(protocol.force_tolerance):
+            figures.note += ", then its steps that go down"
             state = descend(start, units, basis_kdd, goal, iterations=_DOWNHILL, watch=protocol.in_time)
-            figures.residual, figures.steps = state.residual, figures.steps + state.iterations
-            figures.force_evaluations = figures.steps
+            figures.steps += state.iterations
+            figures.force_evaluations += state.evaluations
+        figures.residual = state.residual
         protocol.last = protocol.restored(state.packing)
-    return state if state.sound(protocol.force_tolerance) else search_pressure(protocol, start, goal)
+    return state if state.sound(protocol.force_tolerance) else search_pressure(protocol, state.packing, goal)
 
 
 def follow_pressure(

@@ -1,6 +1,7 @@
 """Facts about the referee: it proves what is true, and what was tampered with until it is not it refuses."""
 
 import ast
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -188,7 +189,7 @@ def test_a_certificate_that_was_changed_says_so_and_is_judged_by_what_it_claims_
     np.savez(path, **(arrays | {"strict_force_c": 2.0 * arrays["strict_force_c"]}))
     found = pm.verify(path)
     # twice the forces are a proof as well
-    assert found.accepted and found.strict == "jammed" and "by their seal" in str(found)
+    assert found.accepted and found.strict == "jammed" and "by its seal" in str(found)
 
 
 @pytest.mark.parametrize("text", [b"", b"no archive", b"PK\x03\x04 half of one"])
@@ -197,6 +198,21 @@ def test_what_is_no_certificate_is_refused_by_name(tmp_path, text):
     path.write_bytes(text)
     found = pm.verify(path)
     assert not found and "cannot be read" in str(found)
+
+
+def test_archives_made_by_hand_are_refused_and_no_packings(tmp_path):
+    head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3L,), (((".ljust(117) + b"\n"
+    for name, kind, spoilt in (("head", zipfile.ZIP_STORED, False), ("packed", zipfile.ZIP_LZMA, True)):
+        path = tmp_path / f"{name}.npz"
+        with zipfile.ZipFile(path, "w", kind) as archive:
+            archive.writestr("radius_n.npy", b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + bytes(24))
+        if spoilt:
+            held = bytearray(path.read_bytes())
+            held[60:90] = bytes(30)
+            path.write_bytes(bytes(held))
+        assert not pm.verify(path)
+        with pytest.raises(ValueError, match="path must name a readable packing"):
+            pm.read_packing(path)
 
 
 def test_the_referee_uses_nothing_of_what_made_the_verdict():

@@ -235,9 +235,9 @@ def test_the_motion_of_copies_does_not_depend_on_the_phase_of_its_wave(monkeypat
     np.testing.assert_allclose(moved[0], moved[1], rtol=1e-12)
 
 
-def test_the_bound_on_rows_is_reached_by_a_disc_among_its_images():
+def test_the_bound_on_rows_is_above_those_of_a_disc_among_its_images():
     waves = waves_of(pm.lattice_packing("triangular", repeats=(1, 1)))
-    # rows 2 i n sin(phi) of three contacts, two of them with sin(phi) = 1, whose n n^T have the largest eigenvalue 3/2
+    # rows 2 i n sin(phi) of three contacts, two of them with sin(phi) = 1: their n n^T add up to eigenvalues of 3/2
     norm = np.linalg.norm(waves.rows(np.array([0.5, 0.0])), 2)
     assert norm == pytest.approx(2.0 * np.sqrt(1.5), rel=1e-12) and norm <= waves.bound * (1.0 + 1e-12)
 
