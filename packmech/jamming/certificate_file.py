@@ -18,6 +18,8 @@ from packmech.jamming import referee
 from packmech.jamming.verdict import AMBIGUOUS, JAMMED, NOT_JAMMED, JammingAnswer, Verdict
 
 KIND, VERSION = "certificate of jamming", 1
+# gap tolerance from which on an answer is no more than one for the contacts as taken [1]
+_LOOSE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,8 @@ class Verification:
         return self.accepted
 
     def __str__(self) -> str:
-        return "\n".join(("accepted" if self.accepted else "refused", *self.reasons))
+        loose = f", for gaps up to {self.gap_tolerance:.1g} of a contact distance" * (self.gap_tolerance > _LOOSE)
+        return "\n".join((f"accepted{loose}" if self.accepted else "refused", *self.reasons))
 
 
 @shown_as("writing")

@@ -87,7 +87,7 @@ class _Claim:
         self.backbone_n = np.asarray(held["backbone_n"], dtype=bool)
         self.tolerance = float(held["gap_tolerance"])
         if self.backbone_n.shape != (n,) or not 0.0 <= self.tolerance < WIDEST:
-            raise Refused(f"backbone and gap tolerance must be those of the packing, the tolerance from 0 to {WIDEST}")
+            raise Refused(f"backbone and gap tolerance must be of the packing, the tolerance from 0 to below {WIDEST}")
         self.fixed_volume = str(held["strain"]) == "isochoric"
         self.pairs, self.links = _pairs(held, "c", n, self.d), _pairs(held, "l", n, self.d)
         if not (self.backbone_n[self.pairs[0]].all() and self.backbone_n[self.pairs[1]].all()):
@@ -185,7 +185,7 @@ class _Claim:
         size = max(float(np.abs(apart - apart[0]).max()), float(np.abs(strain).max()) * length)
         limit = _CLOSING * size * length / self.unit
         if not size > 0.0 or float(np.trace(strain)) > limit / self.unit:
-            raise Refused("the motion must be no translation, and must not enlarge the box")
+            raise Refused("the motion must be more than a translation, and must not enlarge the box")
         (i, j, vector, _), u, e = self.rows(), _exact(motion), _exact(strain)
         # v . (u_j - u_i) + v . e v, exact, over the length of v
         change = (vector * (u[j] - u[i] + vector @ e.T)).sum(axis=1)
@@ -288,9 +288,9 @@ def _lengths(vector: Array) -> NDArray[np.float64]:
 
 
 def _numbers(array: Array, dimensions: int) -> NDArray[np.float64]:
-    found = np.asarray(array, dtype=np.float64)
+    found = np.asarray(array if array.dtype.kind in "iuf" else np.nan, dtype=np.float64)
     if found.ndim != dimensions or not (np.abs(found) < 1e100).all():
-        raise Refused(f"numbers must be below 1e100, in {dimensions} dimensions")
+        raise Refused(f"numbers must be real and below 1e100, in {dimensions} dimensions")
     return found
 
 

@@ -142,9 +142,12 @@ class CheapestSettings:
     @property
     def _headings(self) -> list[str]:
         of_figure = [
-            f"{what} {target.figure}"
+            heading
             for target in self.targets
-            for what in ("rms error of", "share expected within, of")
+            for heading in (
+                f"{'' if target.absolute else 'relative '}rms error of {target.figure}",
+                f"share expected within, of {target.figure}",
+            )
         ]
         return [*self.changes, *of_figure, "CPU s", "repeats", "meets", "failed"]
 

@@ -33,6 +33,8 @@ _SHARE = 0.9
 _MEAN_SHARE = 0.95
 # a value finer helps where it leaves at most this part of an error [1]; told from so many values
 _HELPS, _TRIED = 0.8, 3
+# errors below which figures of the same bits are no proof [1]: a last step of Newton's method may be that of both
+_SMALL = 1e-6
 # starts after which settings may be given up, and errors that are, in units of the target
 _FEW, _FAR = 3, 3.0
 # references may fail so many times in a row, with finer settings each time
@@ -201,9 +203,10 @@ class _Search:
         try:
             while True:
                 best = self._cheapest(trials)
-                if best is not None:
+                rising = self._rising
+                if best is not None and not (rising and self._proves_nothing(best, trials[best])):
                     break
-                finer = self._finer(trials)
+                finer = self._finer(trials) if best is None else self._raised(rising)
                 if isinstance(finer, str):
                     why_not = finer
                     break
@@ -240,6 +243,23 @@ class _Search:
     def _reference(self) -> tuple[int, ...]:
         """The place of the reference: of alternatives the first, and finer than the finest settings that are tried."""
         return tuple(knob.reference(cap) for knob, cap in zip(self.knobs, self.caps, strict=True))
+
+    @property
+    def _rising(self) -> list[int]:
+        """The knobs of which finer values may be tried still."""
+        return [k for k, knob in enumerate(self.knobs) if not knob.alternatives and self.caps[k] < knob.last]
+
+    def _raised(self, knobs: Sequence[int]) -> tuple[int, ...]:
+        return tuple(cap + (k in knobs) for k, cap in enumerate(self.caps))
+
+    def _proves_nothing(self, place: tuple[int, ...], trial: SettingTrial) -> bool:
+        """Whether a small error was asked for and figures are the reference's to the last bit, by one last step."""
+        for one in self.targets:
+            value = np.asarray(self.ran[place, 0][0][one.figure])
+            scale = float(np.abs(value).max(initial=0.0)) if one.absolute else 1.0
+            if value.dtype.kind == "f" and one.error < _SMALL * scale and not any(trial.errors[one.figure]):
+                return True
+        return False
 
     def _scale(self, place: tuple[int, ...]) -> float:
         """Return what differences from the reference are multiplied by, for what they lack of an error."""
@@ -305,7 +325,7 @@ class _Search:
 
     def _finer(self, trials: Mapping[tuple[int, ...], SettingTrial]) -> tuple[int, ...] | str:
         """Return the caps with the knobs finer that make errors smaller; or why nothing does, in words."""
-        rising = [k for k, knob in enumerate(self.knobs) if not knob.alternatives and self.caps[k] < knob.last]
+        rising = self._rising
         if not rising:
             return "no settings of the grid meet the target"
         wrong = self._ran(self._reference, 0)[1]
@@ -325,7 +345,7 @@ class _Search:
                 f"finer settings no longer help, errors stay at {here:.2g} times the target: where motion is chaotic, "
                 "ask for the mean over starts"
             )
-        return tuple(cap + (k in helpful) for k, cap in enumerate(self.caps))
+        return self._raised(helpful)
 
     def _helps(self, k: int, corner: tuple[int, ...], trials: Mapping[tuple[int, ...], SettingTrial]) -> bool:
         """Whether errors fall with a knob, judged by its last values; of few values it is not known yet, and tried."""

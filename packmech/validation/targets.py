@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import brief, instance, positive
+from packmech.check import brief, instance, real
 
+# smallest relative error that may be asked for: rounding of sums [1]
+LEAST = 1e-14
 # what figures are also called
 _ALSO = {
     "G_prime": "storage_modulus",
@@ -60,7 +62,9 @@ def read_targets(target: Any) -> tuple[Target, ...]:
 
     """
     if isinstance(target, Mapping):
-        found = [Target(_figure(name), positive(f"target[{name!r}]", each)) for name, each in target.items()]
+        found = [
+            Target(_figure(name), real(f"target[{name!r}]", each, at_least=LEAST)) for name, each in target.items()
+        ]
     else:
         texts = [target] if isinstance(target, str) else target
         if not isinstance(texts, Sequence):
@@ -103,4 +107,6 @@ def _target_of(text: Any) -> Target:
         raise ValueError(
             f'target must be an error above zero, unless it is absolute ("contacts:0 absolute"), got {brief(text)}'
         )
+    if error < LEAST and not absolute:
+        raise ValueError(f"target must be an error of {LEAST:g} at least, the digits of a number, got {brief(text)}")
     return Target(_figure(name), error, absolute)

@@ -200,6 +200,14 @@ def test_what_is_no_certificate_is_refused_by_name(tmp_path, text):
     assert not found and "cannot be read" in str(found)
 
 
+def test_complex_coordinates_are_refused_and_a_wide_gap_tolerance_is_named_first(tmp_path, written):
+    held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
+    assert "must be real" in str(forged(tmp_path, **(held | {"position_nd": held["position_nd"] + 1j})))
+    loose = forged(tmp_path, **(held | {"radius_n": 0.95 * held["radius_n"], "gap_tolerance": np.array(0.06)}))
+    assert loose and str(loose).startswith("accepted, for gaps up to 0.06 of a contact distance\n")
+    assert str(forged(tmp_path, **held)).startswith("accepted\n")
+
+
 def test_archives_made_by_hand_are_refused_and_no_packings(tmp_path):
     head = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3L,), (((".ljust(117) + b"\n"
     for name, kind, spoilt in (("head", zipfile.ZIP_STORED, False), ("packed", zipfile.ZIP_LZMA, True)):
@@ -295,18 +303,22 @@ def test_the_tolerance_does_not_decide_what_touches_unless_it_is_a_tolerance(tmp
     for one in ("collective", "strict"):
         held[f"{one}_verdict"] = np.array("not jammed")
     found = forged(tmp_path, **held)
-    assert not found and "tolerance from 0 to 0.1" in str(found)
+    assert not found and "tolerance from 0 to below 0.1" in str(found)
 
 
 SHEAR, GROWTH, TURN = np.diag([0.1, -0.1]), 0.1 * np.eye(2), np.array([[0.0, 0.1], [-0.1, 0.0]])
 # of a crystal: what is written over its certificate, and what the referee must say
 FORGERIES = {
-    "tolerance": ("triangular", lambda held: {"gap_tolerance": np.array(0.3)}, "tolerance from 0 to 0.1"),
+    "tolerance": ("triangular", lambda held: {"gap_tolerance": np.array(0.3)}, "tolerance from 0 to below 0.1"),
     "distances": ("triangular", lambda held: {"radius_n": 0.95 * held["radius_n"]}, "has a gap or overlap of"),
     "force": ("triangular", lambda held: {"collective_force_c": 1.0 + 0.01 * (held["i_c"] == 0)}, "known to"),
     # along lines of discs forces balance at each disc, and strain the box
     "stress": ("triangular", lambda held: {"strict_force_c": 1.0 + along_x(held)}, "known to"),
-    "translation": ("square", lambda held: moving(held, np.ones(2), np.zeros((2, 2))), "must be no translation"),
+    "translation": (
+        "square",
+        lambda held: moving(held, np.ones(2), np.zeros((2, 2))),
+        "must be more than a translation",
+    ),
     "growth": ("square", lambda held: moving(held, np.zeros(2), GROWTH), "must not enlarge the box"),
     "turn": ("square", lambda held: moving(held, np.zeros(2), TURN), "the strain must be symmetric"),
     "fixed box": (

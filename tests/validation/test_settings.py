@@ -276,7 +276,32 @@ def test_a_scene_without_a_drive_is_refused(crystal):
 def test_what_was_tried_is_a_table_a_file_and_a_picture(tmp_path, decay, crystal):
     found = pm.settings_for(crystal.replace(drive=decay()), "left:2%")
     assert found.to_markdown().count("\n") == len(found.trials) + 2
-    assert found.to_csv().splitlines()[0].startswith("drive.dt,rms error of left")
+    assert found.to_csv().splitlines()[0].startswith("drive.dt,relative rms error of left")
     found.save_figure(tmp_path / "found.png")
     assert (tmp_path / "found.png").stat().st_size > 5000
     assert found.to_dict()["settings"] == dict(found.changes)
+
+
+def test_figures_of_the_same_bits_prove_no_small_error():
+    # the last step of Newton's method goes to 1e-11 whether 1e-7 or 1e-9 was asked for
+    start = pm.random_packing(24, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.92, seed=3)
+    scene = pm.Scene(start, (pm.Repulsion(pm.Hertz()),), pm.QuenchDrive())
+
+    def shear_modulus(tolerance):
+        at_rest = pm.quench(scene.replace(drive=None), force_tolerance=tolerance).packing
+        return pm.elastic_moduli(scene.replace(packing=at_rest, drive=None)).shear_modulus
+
+    best = shear_modulus(1e-12)
+    for error in (1e-2, 1e-9, 1e-12):
+        found = pm.settings_for(scene, {"shear_modulus": error})
+        off = min(abs(trial.error("shear_modulus")) for trial in found.trials) if not found.met else None
+        assert found.met or off > error
+        chosen = found.changes["drive.force_tolerance"]
+        assert not found.met or abs(shear_modulus(chosen) / best - 1.0) <= error
+
+
+def test_errors_below_the_digits_of_a_number_are_refused():
+    scene = pm.Scene(pm.lattice_packing("square", repeats=(2, 2)), (pm.Repulsion(),), pm.QuenchDrive())
+    for target in ("pressure:1e-17", {"pressure": 1e-17}):
+        with pytest.raises(ValueError, match="1e-14"):
+            pm.settings_for(scene, target)
