@@ -26,7 +26,7 @@ _SEARCHED_TO = (1e-3, 3e-5, 9e-7)
 _FIRE_STEPS = 30_000
 # largest number of Newton's steps from one packing on a way to the next
 _NEWTON_STEPS = 25
-# and of those that only go down, before FIRE is asked
+# and of those that only go down from the first soft packing of a large one, before FIRE is asked
 _DOWNHILL = 80
 # mean relative overlap up to which the soft packing is as good as one linear step from the hard one
 FIRST_DEPTH = 1e-7
@@ -52,7 +52,7 @@ _LARGE, _GIVEN_UP = 1000, math.log(2.0)
 _FROM_FIRST = 2e-6
 
 
-def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> SoftState:
+def search_pressure(protocol: Protocol, start: Packing, goal: float | Load, *, downhill: int = 0) -> SoftState:
     """Return the packing at the load: FIRE in positions and free strains until it is near, then Newton's method.
 
     Links and shapes go down by Newton's steps, discs too where nothing else brought them to balance. The network
@@ -66,10 +66,20 @@ def search_pressure(protocol: Protocol, start: Packing, goal: float | Load) -> S
         A packing in balance at another pressure, in reduced units.
     goal
         Pressure or load to reach, in reduced units.
+    downhill
+        Largest number of Newton's steps that go down, before FIRE is asked.
 
     """
     enough = protocol.force_tolerance
     with protocol.stage("soft packing, searched") as figures:
+        if downhill:
+            figures.note = "Newton's steps that go down"
+            best = descend(start, protocol.units, protocol.basis_kdd, goal, iterations=downhill, watch=protocol.in_time)
+            figures.steps, figures.force_evaluations = best.iterations, best.evaluations
+            figures.residual, start = best.residual, best.packing
+            protocol.last = protocol.restored(start)
+            if best.sound(enough):
+                return best
         figures.note = "FIRE with the box, then Newton's method"
         asked = scaled_load(goal, 1.0 / protocol.reduced_pressure(1.0))
         packing = protocol.restored(start)
@@ -232,16 +242,11 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
     with protocol.stage("soft packing") as figures:
         start = first_soft(hard, units, basis_kdd, goal)
         state = newton(start, units, basis_kdd, goal, watch=protocol.in_time)
-        figures.note, figures.steps = "Newton's method from the hard packing", state.iterations
-        figures.force_evaluations = state.evaluations
-        if not state.sound(protocol.force_tolerance):
-            figures.note += ", then its steps that go down"
-            state = descend(start, units, basis_kdd, goal, iterations=_DOWNHILL, watch=protocol.in_time)
-            figures.steps += state.iterations
-            figures.force_evaluations += state.evaluations
-        figures.residual = state.residual
+        figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.evaluations
+        figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
-    return state if state.sound(protocol.force_tolerance) else search_pressure(protocol, state.packing, goal)
+    sound = state.sound(protocol.force_tolerance)
+    return state if sound else search_pressure(protocol, start, goal, downhill=_DOWNHILL)
 
 
 def follow_pressure(

@@ -152,8 +152,8 @@ def test_large_packings_are_pressed_at_one_go_and_balance_at_the_pressure(pressu
         pressure * np.eye(2), rel=1e-5, abs=1e-8 * pressure
     )
     steps = {one.name: one.steps for one in run.stages}
-    # from the first soft packing, where the law is near enough to linear: at no more pressures than the one asked for
-    assert ("soft packing" in steps) == (pressure < 1e-5) and steps.get("soft packing", 0) <= 25 + 80
+    # Newton's method is tried once, where the law is near enough to linear that it may be enough
+    assert steps.get("soft packing", 0) <= 25
 
 
 def test_a_small_search_that_goes_in_circles_begins_anew_after_settling():

@@ -410,7 +410,7 @@ def test_a_pressure_that_no_overlap_bears_is_refused(law):
 @pytest.mark.parametrize(
     ("pressure", "seed", "way"),
     [
-        (1e-7, 43, "Newton's method from the hard packing, then its steps that go down"),
+        (1e-7, 43, "Newton's steps that go down"),
         (1e-6, 46, "FIRE with the box, then Newton's method, and by its steps that go down"),
     ],
 )
