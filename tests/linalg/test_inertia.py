@@ -74,3 +74,16 @@ def test_an_empty_matrix_has_no_eigenvalues_and_factors_that_are_gone_solve_noth
 @pytest.mark.parametrize("backend", ["qdldl", "superlu", "dense", "rslab"])
 def test_factors_say_how_much_memory_they_take(backend):
     assert factorize(symmetric(2), kind="symmetric", backend=backend).memory > 8 * 60
+
+
+@pytest.mark.parametrize("zero", [0, 1])
+def test_a_pivot_that_is_zero_to_rounding_leaves_every_count_in_doubt(zero):
+    matrix = sp.csr_array(sp.diags_array([-2.0, 1.0, 3.0]))
+    factor = factorize(matrix, kind="symmetric")
+
+    class Told:
+        size, memory, inertia = factor.size, factor.memory, factor.inertia._replace(zero=zero)
+        solve, solve_once, emptied = factor.solve, factor.solve_once, factor.emptied
+
+    found = judged(matrix, Told(), 1, 3.0)
+    assert found.certain == (zero == 0) and np.isinf(found.doubt) == bool(zero)

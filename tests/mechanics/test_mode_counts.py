@@ -335,3 +335,9 @@ def test_numbers_of_unstable_and_zero_modes_say_how_sure_they_are():
     found = pm.count_modes(rest(20, 2, 1), 1.0)
     assert found.signs_certain is True
     assert pm.count_modes(rest(20, 2, 1), 1.0, signs=False).signs_certain is None
+
+
+def test_counts_of_what_is_not_at_rest_warn_of_the_rattlers_that_are_left_out():
+    scene = pm.Scene(pm.random_packing(40, dimension=2, packing_fraction=0.85, seed=1), (pm.Repulsion(),))
+    with pytest.warns(UserWarning, match="of 40 particles count as rattlers"):
+        pm.count_modes(scene, 0.1)
