@@ -489,3 +489,10 @@ def test_damaged_and_boundless_archives_are_refused_and_not_raised(tmp_path, wri
         path.write_bytes(bytes(damaged))
         # bytes that nobody reads may be any
         pm.verify(path)
+
+
+def test_contacts_of_what_is_said_to_rattle_are_refused(tmp_path, written):
+    held = genuine(pm.lattice_packing("triangular", repeats=(3, 3)), written)
+    held["backbone_n"][4] = False
+    found = forged(tmp_path, **held)
+    assert not found and "contacts must be between particles of the backbone" in str(found)

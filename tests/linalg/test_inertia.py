@@ -87,3 +87,9 @@ def test_a_pivot_that_is_zero_to_rounding_leaves_every_count_in_doubt(zero):
 
     found = judged(matrix, Told(), 1, 3.0)
     assert found.certain == (zero == 0) and np.isinf(found.doubt) == bool(zero)
+
+
+def test_entries_that_are_rounded_by_more_than_the_distance_leave_the_count_in_doubt():
+    matrix = sp.csr_array(sp.diags_array([-2.0, 1.0, 3.0]))
+    factor = factorize(matrix, kind="symmetric")
+    assert judged(matrix, factor, 1, 3.0).certain and not judged(matrix, factor, 1, 1e18).certain
