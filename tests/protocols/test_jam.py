@@ -407,19 +407,14 @@ def test_a_pressure_that_no_overlap_bears_is_refused(law):
         pm.jam(start(16, effects=(pm.Repulsion(law),)), pressure=1e5)
 
 
-@pytest.mark.parametrize(
-    ("pressure", "seed", "way"),
-    [
-        (1e-7, 43, "Newton's steps that go down"),
-        (1e-6, 46, "FIRE with the box, then Newton's method, and by its steps that go down"),
-    ],
-)
-def test_a_thousand_discs_whose_first_soft_packing_is_no_balance_end_in_a_minimum(pressure, seed, way):
+# which way is taken depends on the last bits, and these on the machine
+@pytest.mark.parametrize(("pressure", "seed"), [(1e-7, 43), (1e-6, 46)])
+def test_a_thousand_discs_whose_first_soft_packing_is_no_balance_end_in_a_minimum(pressure, seed):
     # a search by FIRE alone ended both on saddles
     start = pm.random_packing(1024, dimension=2, sizes=pm.Bidisperse(ratio=1.4), packing_fraction=0.8, seed=seed)
     radius_n = start.radius_n * (1.0 + 0.03 * np.random.default_rng(seed + 1000).standard_normal(1024))
     run = pm.jam(pm.Scene(start.replace(radius_n=radius_n), (pm.Repulsion(),)), pressure=pressure)
     done = pm.Scene(run.packing, (pm.Repulsion(),))
-    assert run.ok and run.residual <= 1e-5 and run.stages[-1].note == way
+    assert run.ok and run.residual <= 1e-5
     assert pm.pressure(done) / done.pressure_unit == pytest.approx(pressure, rel=1e-5)
     assert is_stable(done, strain="free")
