@@ -241,7 +241,7 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
         return search_pressure(protocol, scale_box(hard.packing, 1.0 / (1.0 + depth)), goal)
     with protocol.stage("soft packing") as figures:
         start = first_soft(hard, units, basis_kdd, goal)
-        state = newton(start, units, basis_kdd, goal, watch=protocol.in_time)
+        state = newton(start, units, basis_kdd, goal, iterations=_NEWTON_STEPS, watch=protocol.in_time)
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.evaluations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
