@@ -124,7 +124,8 @@ def _say(scene: str, found: CheapestSettings) -> None:
     headings, rows = found.table()
     what = ", ".join(map(str, found.targets))
     starts = f"{found.starts} starts" if found.starts > 1 else "one start"
-    starts += f" and {found.starts} to confirm" if found.met and found.starts > 1 else ""
+    most = max((len(errors) for one in found.trials for errors in one.errors.values()), default=0)
+    starts += f", {most} where these do not tell" if most > found.starts else ""
     title = f"{scene}: settings for {what}; {starts}, {found.seconds:.3g} s"
     show(table(title, headings, rows, right=range(len(found.changes), len(headings) - 2)))
     measured = ", ".join(f"{path} = {label(value)}" for path, value in found.reference.items())

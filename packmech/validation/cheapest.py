@@ -84,7 +84,7 @@ class CheapestSettings:
     reference
         The settings of the runs that errors are measured from.
     starts
-        How many starts were tried; what was chosen, with as many others.
+        How many starts were tried; of what may meet the target, four times as many.
     seconds
         CPU time of the search [s].
 

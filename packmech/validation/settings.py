@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binom
 from scipy.stats import t as student
 
 from packmech.calls.status import Progress, check_progress, shows
@@ -31,6 +33,9 @@ from packmech.view.report import examine
 _SHARE = 0.9
 # probability that a mean over starts is within it: their scatter is known from few [1]
 _MEAN_SHARE = 0.95
+# how many times as many further starts decide on settings of which that share of the first may be within [1], and how
+# likely so few or fewer of them must be where it is [1]
+_FURTHER, _UNLIKELY = 3, 0.05
 # a value finer helps where it leaves at most this part of an error [1]; told from so many values
 _HELPS, _TRIED = 0.8, 3
 # errors below which figures of the same bits are no proof [1]: a last step of Newton's method may be that of both
@@ -79,7 +84,8 @@ def settings_for(
         Values of fields of the drive, each from coarse to fine, the last for the reference, in place of the usual ones:
         {"drive.dt": (0.1, 0.05, 0.0125)}.
     starts
-        How many starts to try; what is chosen is confirmed with as many others. One: as for a scene itself.
+        How many starts to try; settings of which nine in ten of these may be within are tried with four times as
+        many. One: as for a scene itself.
     seed
         Of the first start, 0 unless given; the others follow.
     mean
@@ -150,7 +156,7 @@ def search_settings(
 
 
 def starts_of(tables: Mapping[str, Any], folder: Path, name: str, count: int, seed: int | None) -> Starts:
-    """Return the starts of a scene file, from seeds in a row, and as many to confirm; of what is not random one."""
+    """Return the starts of a scene file, from seeds in a row, and more that decide; of what is not random one."""
     if not is_random(tables):
         if seed is not None:
             raise ValueError(f"seed must be left out for a packing that is not random, got {brief(seed)}")
@@ -158,7 +164,7 @@ def starts_of(tables: Mapping[str, Any], folder: Path, name: str, count: int, se
     first = 0 if seed is None else integer("seed", seed, at_least=0)
     return Starts(
         lambda number: scene_of_tables(changed_tables(tables, seed=first + number), folder, name=name),
-        2 * count if count > 1 else 1,
+        (1 + _FURTHER) * count if count > 1 else 1,
     )
 
 
@@ -180,10 +186,10 @@ class _Search:
         if first.drive is None:
             raise ValueError("scene must have a drive to be run, got none")
         self.draw, self.first = starts.draw, of_a_duration(first)
-        # the second half confirms what is chosen from the first
-        half = (starts.number + 1) // 2
-        self.starts, self.further = range(half), range(half, starts.number)
-        if mean and half < 2:
+        # further starts decide on what the first say may do
+        first_few = max(1, starts.number // (1 + _FURTHER))
+        self.starts, self.further = range(first_few), range(first_few, starts.number)
+        if mean and first_few < 2:
             raise ValueError("mean must be False for a scene with one start, got True: give the file of a random one")
         self.targets, self.mean, self.time_limit = targets, mean, time_limit
         self.knobs = usual_knobs(self.first) if knobs is None else given_knobs(self.first, knobs)
@@ -283,9 +289,10 @@ class _Search:
             if best is not None and least >= trials[best].cost:
                 break
             trial = trials[place] = self._trial(place, self.starts)
-            if trial.meets and (best is None or trial.cost < trials[best].cost):
-                trial = trials[place] = self._confirmed(place, trial, trials)
-                best = place if trial.meets else best
+            if self._hopeful(trial) and (best is None or trial.cost < trials[best].cost):
+                trial = trials[place] = self._decided(place, trial, trials)
+                if trial.meets and (best is None or trial.cost < trials[best].cost):
+                    best = place
             for k, knob in enumerate(self.knobs):
                 finer = (*place[:k], place[k] + 1, *place[k + 1 :])
                 if not knob.alternatives and finer[k] <= self.caps[k] and finer not in trials:
@@ -296,22 +303,26 @@ class _Search:
     def _first(knob: Knob) -> Sequence[int]:
         return range(len(knob.values)) if knob.alternatives else (0,)
 
-    def _confirmed(
+    def _hopeful(self, trial: SettingTrial) -> bool:
+        """Whether so few starts within would not be unlikely if nine in ten were."""
+        if self.mean:
+            return trial.meets
+        within = self._within(trial.errors)
+        return bool(binom.cdf(round(within.sum()), len(within), _SHARE) > _UNLIKELY)
+
+    def _decided(
         self, place: tuple[int, ...], trial: SettingTrial, trials: Mapping[tuple[int, ...], SettingTrial]
     ) -> SettingTrial:
-        """Return a trial that met the target, which counts where it does so with further starts, too.
+        """Return a trial with further starts, as long as the target may be met: the best of many may be so by luck.
 
-        The best of many may be so by luck. Where there is one start, the next finer settings must meet the target.
+        Where there is one start, the next finer settings must meet the target.
         """
-        if self.further:
-            again = self._trial(place, self.further)
-            errors = {name: (*found, *again.errors[name]) for name, found in trial.errors.items()}
-            share = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
-            met = again.meets if self.mean else min(*share.values(), self._within(again.errors)) >= _SHARE
-            repeats = max(trial.repeats, again.repeats) if met else 0
-            failed = trial.failed or again.failed
-            return replace(trial, errors=errors, share=share, repeats=repeats, meets=met, failed=failed)
-        for k, knob in enumerate(self.knobs):
+        step = len(self.starts)
+        for more in range(2 * step, len(self.starts) + len(self.further) + 1, step):
+            trial = self._trial(place, range(more))
+            if not self._hopeful(trial):
+                return replace(trial, meets=False, repeats=0)
+        for k, knob in enumerate(self.knobs if trial.meets and not self.further else ()):
             finer = (*place[:k], place[k] + 1, *place[k + 1 :])
             if knob.alternatives or finer[k] >= self._reference[k]:
                 continue
@@ -319,9 +330,10 @@ class _Search:
                 return replace(trial, meets=False, repeats=0)
         return trial
 
-    def _within(self, errors: Mapping[str, Sequence[float]]) -> float:
-        """Return the share of starts of which all errors are within their targets."""
-        return float(np.mean(np.all([np.abs(errors[one.figure]) <= one.error for one in self.targets], axis=0)))
+    def _within(self, errors: Mapping[str, Sequence[float]]) -> NDArray[np.bool_]:
+        """Return of which starts all errors are within their targets."""
+        within: NDArray[np.bool_] = np.all([np.abs(errors[one.figure]) <= one.error for one in self.targets], axis=0)
+        return within
 
     def _finer(self, trials: Mapping[tuple[int, ...], SettingTrial]) -> tuple[int, ...] | str:
         """Return the caps with the knobs finer that make errors smaller; or why nothing does, in words."""
@@ -382,7 +394,7 @@ class _Search:
             if len(seconds) >= _FEW and hopeless and not self.mean:
                 break
         shares = {one.figure: share_within(errors[one.figure], one.error) for one in self.targets}
-        repeats = int(len(seconds) == len(starts) and min(*shares.values(), self._within(errors)) >= _SHARE)
+        repeats = int(len(seconds) == len(starts) and min(*shares.values(), self._within(errors).mean()) >= _SHARE)
         if self.mean:
             needed = [self._repeats(one, errors[one.figure], values[one.figure], starts, scale) for one in self.targets]
             repeats = max(needed) if all(needed) else 0

@@ -134,7 +134,7 @@ def test_the_chosen_settings_are_the_cheapest_that_meet_and_hold_for_other_start
     assert found.met
     chosen = next(one for one in found.trials if one.changes == found.changes)
     assert all(one.cost >= chosen.cost for one in found.trials if one.meets)
-    assert len(chosen.errors["pressure"]) == 2 * found.starts == 10
+    assert len(chosen.errors["pressure"]) == 4 * found.starts == 20
     for seed in range(100, 105):
         scene = pm.read_scene(path, seed=seed)
         ran, tight = (
@@ -162,7 +162,7 @@ def test_settings_that_were_confirmed_are_not_tried_again(tmp_path, decay):
     tried = [tuple(one.changes.values()) for one in found.trials]
     assert len(set(tried)) == len(tried)
     chosen = next(one for one in found.trials if one.changes == found.changes)
-    assert len(chosen.errors["left"]) == 6
+    assert len(chosen.errors["left"]) == 12
 
 
 def test_a_figure_that_is_zero_has_no_relative_error(decay, crystal):

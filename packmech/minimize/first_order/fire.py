@@ -15,7 +15,7 @@ from packmech.constraints.compiled_links import speeds
 from packmech.jit.compiled import device, kernel
 from packmech.minimize.passes.kernels import RUNNING, Goal, clear, move_pass, moved_far, net_forces, survey
 from packmech.minimize.passes.pair_list import DISPLACED, follow
-from packmech.minimize.passes.strains import judge_all, move_box, pull_box, with_rates
+from packmech.minimize.passes.strains import bring_anchors, judge_all, move_box, pull_box, virial_of, with_rates
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
@@ -166,7 +166,7 @@ def fire_steps(
         pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     while True:
-        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs)
+        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial_of(strains))
         now = int(number[_STEP]) + step
         found = sums
         sums = pull_box(strains, effects, axes, row, space, pairs, found)
@@ -206,9 +206,11 @@ def fire_steps(
         speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
         move_box(strains, axes, row, space, pairs, keep, push, dt)
         if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
+            bring_anchors(strains, axes, pairs)
             pairs, _ = follow(axes, row, space, pairs, None)
         speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         speed2, fastest2 = with_rates(strains, speed2, fastest2)
+    bring_anchors(strains, axes, pairs)
     number[_DT] = dt
     number[_ALPHA] = alpha
     number[_DOWNHILL] = downhill

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.minimize.first_order.fire import Fire
-from packmech.minimize.passes.kernels import CONVERGED, NOT_FINITE, Goal
+from packmech.minimize.passes.kernels import CONVERGED, NOT_FINITE, Goal, Virial
 from packmech.minimize.passes.strains import NUMBERS, PRESSURE, RESIDUAL, STRESS_ERROR, FreeStrains
 from packmech.minimize.program import Program
 from packmech.minimize.second_order.soft_network import Load, isochoric_part
@@ -90,9 +90,12 @@ class StrainedFire:
             pressure=load.pressure,
             volume=packing.box.volume if pressure is None else 0.0,
             scale=float(np.sqrt(packing.particles) * packing.diameter_n.mean()),
+            since_dd=np.eye(3),
             rate_dd=np.zeros((3, 3)),
             pull_dd=np.zeros((3, 3)),
             number_k=np.zeros(NUMBERS),
+            virial=Virial(np.zeros((3, 3))),
+            stiffness_n=np.zeros(len(program.row)),
         )
         program.put(packing)
         # no particle moves farther than a part of the smallest diameter

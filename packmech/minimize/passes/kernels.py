@@ -9,7 +9,7 @@ and a tuple `axes` as long as the dimension, so that a plane does not pay for th
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import literal_unroll
@@ -77,8 +77,30 @@ class Sums(NamedTuple):
     largest: float
 
 
+class Virial(NamedTuple):
+    """What a pass over the forces adds up beside them: over pairs (du/dr) n v (outer product), its upper half."""
+
+    sum_dd: NDArray[np.float64]
+
+
 @device
-def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, partners):
+def _add_virial(virial, x, y, z, dx, dy, dz):
+    """Add what a force along (x, y, z) at a distance (dx, dy, dz) gives, symmetric in all where torques balance."""
+    whole = virial.sum_dd
+    whole[0, 0] += x * dx
+    whole[0, 1] += 0.5 * (x * dy + y * dx)
+    whole[1, 1] += y * dy
+    whole[0, 2] += 0.5 * (x * dz + z * dx)
+    whole[1, 2] += 0.5 * (y * dz + z * dy)
+    whole[2, 2] += z * dz
+
+
+# adds a touch to a virial, where one is taken
+_stretch = by_type(lambda virial, x, y, z, dx, dy, dz: None, {Virial: _add_virial})
+
+
+@device
+def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j, dx, dy, dz, square, partners):
     """Add the forces of a touching pair of discs or spheres, and return their size, and 1."""
     r = math.sqrt(square)
     inverse = 1.0 / r
@@ -98,6 +120,7 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy,
     if len(axes) == 3:
         force_nd[i, 2] += push * dz
         force_nd[j, 2] -= push * dz
+    _stretch(virial, push * dx, push * dy, push * dz, dx, dy, dz)
     return abs(first), 1
 
 
@@ -130,7 +153,7 @@ def _law(effects, rho, partners):
 
 
 @inlined
-def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy, dz, square, partners):
+def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j, dx, dy, dz, square, partners):
     """Do the same for two shapes whose surrounding discs or spheres overlap; torques go to the rows of the turns."""
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
@@ -172,6 +195,7 @@ def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, i, j, dx, dy
             force_nd[n + i, 0] -= first * touch.iz
             force_nd[n + j, 0] -= first * touch.jz
             size = math.sqrt(touch.x * touch.x + touch.y * touch.y)
+        _stretch(virial, first * touch.x, first * touch.y, first * touch.z, dx, dy, dz)
         total += abs(first) * size
         touching += 1
     return total, touching
@@ -186,6 +210,7 @@ class _PushingRows(NamedTuple):
 
     force_nd: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
+    virial: Any
 
 
 @inlined
@@ -204,7 +229,7 @@ def _push_listed(pushing, laws, pair, value):
     total, touching = value
     if square < partners.contact_distance * partners.contact_distance:
         more, one = _push_pair(
-            laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pushing.velocity_nd,
+            laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pushing.velocity_nd, pushing.virial,
             pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, partners,
         )  # fmt: skip
         total += more
@@ -213,12 +238,12 @@ def _push_listed(pushing, laws, pair, value):
 
 
 @inner_lean
-def force_pass(effects, axes, row, force_nd, velocity_nd, pairs):
-    """Add the forces of touching pairs to force_nd, which was zero; return the Sums."""
+def force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial):
+    """Add the forces of touching pairs to force_nd, which was zero, and to a Virial or None; return the Sums."""
     n = pairs.anchor_nd.shape[0]
     shapes = shapes_of(effects)
     keep_turned(shapes, row)
-    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd)
+    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd, virial)
     listed = inner_pairs(pairs)
     low, special, end = pairs.start_s[0], pairs.start_s[1], pairs.start_s[2]
     power = 0.0
@@ -263,9 +288,12 @@ def _projected(links, axes, force_nd, velocity_nd, sums):
 
 
 @inner_lean
-def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs):
-    """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left."""
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
+    """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left.
+
+    A Virial takes those of contacts, with what links bear still in them.
+    """
+    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial)
     return _projected(space.links, axes, force_nd, velocity_nd, sums)
 
 
@@ -451,7 +479,7 @@ def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
     if is_stale(pairs.number, np.inf):
         pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs, None)
     refresh(space.links, row, space)
     sums = _projected(space.links, axes, force_nd, velocity_nd, sums)
     found = survey(effects, row, pairs)

@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 
 from packmech.constraints.compiled_links import add_tensions
 from packmech.contacts.cells import lattice_volume, set_frame
+from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device
-from packmech.minimize.passes.kernels import CONVERGED, NOT_FINITE, RUNNING, Sums, judge, survey
+from packmech.minimize.passes.interaction_rows import survey_interactions
+from packmech.minimize.passes.kernels import CONVERGED, NOT_FINITE, RUNNING, Sums, Virial, judge
 from packmech.minimize.passes.pair_list import (
     BENT,
     BEYOND,
@@ -28,6 +30,7 @@ from packmech.minimize.passes.pair_list import (
     largest_contact,
     place_images,
 )
+from packmech.minimize.passes.shape_rows import shapes_of
 
 # places in FreeStrains.number_k
 RESIDUAL, STRESS_ERROR, PRESSURE, NUMBERS = range(4)
@@ -48,10 +51,16 @@ class FreeStrains(NamedTuple):
         Volume that is held; 0 where the pressure is.
     scale
         Length that a unit strain counts as.
+    since_dd
+        (3, 3) map that took the rows, but not yet the anchors of lists, with the box.
     rate_dd, pull_dd
         (3, 3) rate of strain times that length, and minus the slope of the enthalpy over it.
     number_k
         Net force over mean contact force, missing stress over pressure, and the pressure, after the last pass.
+    virial
+        What a pass over the forces adds up; zero between passes.
+    stiffness_n
+        Room for bounds on curvatures, which nobody reads.
 
     """
 
@@ -60,48 +69,59 @@ class FreeStrains(NamedTuple):
     pressure: float
     volume: float
     scale: float
+    since_dd: NDArray[np.float64]
     rate_dd: NDArray[np.float64]
     pull_dd: NDArray[np.float64]
     number_k: NDArray[np.float64]
+    virial: Virial
+    stiffness_n: NDArray[np.float64]
+
+
+# what takes the virial of a pass over the forces, where strains are free
+virial_of = by_type(lambda strains: None, {FreeStrains: lambda strains: strains.virial})
 
 
 @device
 def strain_space(axes, row, space, pairs, map_dd):
     """Strain the box of rows that were strained already. Outer pairs are kept as far as they are complete."""
-    _strain_outer(axes, row, space, pairs, map_dd)
+    _strain_outer(axes, space, pairs, map_dd)
+    map_rows(axes, pairs.outer_anchor_nd, pairs.outer_anchor_nd.shape[0], map_dd)
+    set_resolution(axes, row, space)
     pairs.number[DISPLACED] = np.inf
 
 
 @device
-def _strain_outer(axes, row, space, pairs, map_dd):
-    """Strain the box and the outer list; return the norm of the strain: no distance shrinks by more times itself."""
-    d = len(axes)
-    lattice = space.frame.lattice_dd
-    new = np.zeros((3, 3))
+def times(left_dd, right_dd):
+    """Return the product of two (3, 3) matrices."""
+    product = np.zeros((3, 3))
     for a in range(3):
         for b in range(3):
             for k in range(3):
-                new[a, b] += map_dd[a, k] * lattice[k, b]
-    set_frame(space.frame, new)
+                product[a, b] += left_dd[a, k] * right_dd[k, b]
+    return product
+
+
+@device
+def _strain_outer(axes, space, pairs, map_dd):
+    """Strain the box and what the outer list reaches; return the norm of the strain: no distance shrinks by more."""
+    d = len(axes)
+    set_frame(space.frame, times(map_dd, space.frame.lattice_dd))
     strain2 = 0.0
     for a in range(d):
         for b in range(d):
             strain2 += (map_dd[a, b] - (1.0 if a == b else 0.0)) ** 2
     shrink = max(0.0, 1.0 - math.sqrt(strain2))
-    map_rows(axes, pairs.outer_anchor_nd, pairs.outer_anchor_nd.shape[0], map_dd)
     widest = 0.0
     for a in range(space.sizes.largest_a.shape[0]):
         widest = max(widest, space.sizes.largest_a[a])
     pairs.number[SKIN_OUTER] = shrink * pairs.number[SKIN_OUTER] - (1.0 - shrink) * 4.0 * widest
-    set_resolution(axes, row, space)
     return math.sqrt(strain2)
 
 
 @device
-def _strain_lists(axes, row, space, pairs, map_dd):
-    """Strain the box of rows that were strained already, and both lists, as a small step of a relaxation does."""
-    strain, number = _strain_outer(axes, row, space, pairs, map_dd), pairs.number
-    map_rows(axes, pairs.anchor_nd, pairs.anchor_nd.shape[0], map_dd)
+def _strain_lists(axes, space, pairs, map_dd):
+    """Strain the box of rows that were strained already, and both lists but for their anchors, as a small step does."""
+    strain, number = _strain_outer(axes, space, pairs, map_dd), pairs.number
     place_images(space.frame, pairs)
     # displacements are strained, too: twice as much as unlisted pairs may come nearer by
     taken = strain * (largest_contact(space.sizes) + number[BEYOND] + number[SKIN_INNER])
@@ -139,11 +159,12 @@ def set_resolution(axes, row, space):
 
 @device
 def pull_box(strains, effects, axes, row, space, pairs, sums):
-    """Take the forces along free strains; return the sums with theirs among them."""
+    """Take the forces along free strains from the virial of the last pass; return the sums with theirs among them."""
     if strains is None:
         return sums
-    d, number = len(axes), strains.number_k
-    virial = survey(effects, row, pairs).virial_dd
+    d, number, virial = len(axes), strains.number_k, strains.virial.sum_dd
+    survey_interactions(shapes_of(effects), effects, row, pairs, virial, strains.stiffness_n)
+    virial[1, 0], virial[2, 0], virial[2, 1] = virial[0, 1], virial[0, 2], virial[1, 2]
     add_tensions(space.links, axes, virial)
     volume = lattice_volume(space.frame.lattice_dd)
     pressure = 0.0
@@ -161,6 +182,7 @@ def pull_box(strains, effects, axes, row, space, pairs, sums):
         for a in range(d):
             for b in range(d):
                 strains.pull_dd[a, b] -= volume * stress / strains.scale * strains.basis_kdd[k, a, b]
+    virial[:] = 0.0
     number[PRESSURE] = pressure
     number[STRESS_ERROR] = missing / held if held > 0.0 else 0.0
     if sums.total > 0.0:
@@ -206,7 +228,18 @@ def move_box(strains, axes, row, space, pairs, keep, push, dt):
             for b in range(d):
                 map_dd[a, b] *= factor
     map_rows(axes, row, pairs.anchor_nd.shape[0], map_dd)
-    _strain_lists(axes, row, space, pairs, map_dd)
+    _strain_lists(axes, space, pairs, map_dd)
+    strains.since_dd[:] = times(map_dd, strains.since_dd)
+
+
+@device
+def bring_anchors(strains, axes, pairs):
+    """Strain the anchors of both lists as the rows were, before anyone looks how far these are from them."""
+    if strains is None:
+        return
+    for anchor_nd in (pairs.anchor_nd, pairs.outer_anchor_nd):
+        map_rows(axes, anchor_nd, anchor_nd.shape[0], strains.since_dd)
+    strains.since_dd[:] = np.eye(3)
 
 
 @device
