@@ -50,9 +50,7 @@ def shares(scene, target, choices, reference, starts):
     knobs = {path: values for path, values in grids if len(values) > 1}
     found = pm.settings_for(scene, target, knobs=knobs, starts=starts, seed=FIRST)
     same = [one.errors for one in found.trials if any(one.changes.items() <= choice.items() for choice in choices)]
-    return [
-        (float(np.mean(np.abs(one[t.figure]) <= t.error)), len(one[t.figure])) for t in found.targets for one in same
-    ]
+    return [(float(np.mean(np.abs(e[t.figure]) <= t.error)), len(e[t.figure])) for t in found.targets for e in same]
 
 
 def shares_of_means(scene, found):
