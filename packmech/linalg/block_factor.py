@@ -275,14 +275,24 @@ def _factor(axes, data, index, start, order, place, parent, begin):  # type: ign
                         value -= own[column, a, s] * part[s, b]
                     part[a, b] = value
                     work[column, a, b] = 0.0
-            for p in range(begin[column], end[column]):
-                at = row[p]
-                for a in range(size):
-                    for b in range(size):
-                        value = work[at, a, b]
-                        for s in range(size):
-                            value -= lower[p, a, s] * part[s, b]
-                        work[at, a, b] = value
+            if size == 2:
+                # the compiler cannot know that `part` is not written to: numbers of their own are a quarter faster
+                p00, p01, p10, p11 = part[0, 0], part[0, 1], part[1, 0], part[1, 1]
+                for p in range(begin[column], end[column]):
+                    at, l00, l01, l10, l11 = row[p], lower[p, 0, 0], lower[p, 0, 1], lower[p, 1, 0], lower[p, 1, 1]
+                    work[at, 0, 0] -= l00 * p00 + l01 * p10
+                    work[at, 0, 1] -= l00 * p01 + l01 * p11
+                    work[at, 1, 0] -= l10 * p00 + l11 * p10
+                    work[at, 1, 1] -= l10 * p01 + l11 * p11
+            else:
+                for p in range(begin[column], end[column]):
+                    at = row[p]
+                    for a in range(size):
+                        for b in range(size):
+                            value = work[at, a, b]
+                            for s in range(size):
+                                value -= lower[p, a, s] * part[s, b]
+                            work[at, a, b] = value
             to = end[column]
             row[to] = k
             end[column] += 1
@@ -348,16 +358,20 @@ def _solve(axes, order, begin, lower, row, own, pivot, right):  # type: ignore[n
                 for s in range(a):
                     x[k, a] -= own[k, a, s] * x[k, s]
             for p in range(begin[k], begin[k + 1]):
+                at = row[p]
                 for a in range(size):
+                    value = x[at, a]
                     for s in range(size):
-                        x[row[p], a] -= lower[p, a, s] * x[k, s]
+                        value -= lower[p, a, s] * x[k, s]
+                    x[at, a] = value
         for k in range(rows - 1, -1, -1):
-            for a in range(size):
-                x[k, a] /= pivot[k, a]
-            for p in range(begin[k], begin[k + 1]):
-                for s in range(size):
+            for s in range(size):
+                value = x[k, s] / pivot[k, s]
+                for p in range(begin[k], begin[k + 1]):
+                    at = row[p]
                     for a in range(size):
-                        x[k, s] -= lower[p, a, s] * x[row[p], a]
+                        value -= lower[p, a, s] * x[at, a]
+                x[k, s] = value
             for a in range(size - 1, -1, -1):
                 for s in range(a + 1, size):
                     x[k, a] -= own[k, s, a] * x[k, s]

@@ -218,13 +218,13 @@ def factorize(
         (SciPy, minimum degree on A + A^T, pivots on the diagonal), "dense" (LAPACK, at most 4000 rows), "rslab"
         (supernodal with Bunch-Kaufman pivots), or "auto": while rows are short (two dimensions) or the matrix small,
         blocks where it is made of such, qdldl where it is not; rslab otherwise. Measured, one thread, CPU milliseconds
-        of a factorization: 2D N = 1024: blocks 2.4, qdldl 3.7, SuperLU 5.7, rslab 5.4; 4096: 20, 27, 34, 27; 16384:
-        181, 273, 516, 117; 3D N = 256: 2.2, 4.3, 4.5, 4.2; 512: 11.4, 23, 16, 11.1; 1024: 71, 116, 90, 30. Without
+        of a factorization: 2D N = 1024: blocks 2.0, qdldl 3.7, SuperLU 5.7, rslab 5.4; 4096: 14, 27, 34, 27; 16384:
+        119, 273, 516, 117; 3D N = 256: 2.2, 4.3, 4.5, 4.2; 512: 11.4, 23, 16, 11.1; 1024: 71, 116, 90, 30. Without
         pivoting an indefinite matrix can lose its digits; "auto" notices by the growth and falls back to the dense one.
     like
         A factorization that is needed no more: where its matrix had entries at the same places, the order of
         elimination serves again, and it must not be used to solve from then on. Measured, CPU milliseconds of a
-        factorization with it and without: 2D N = 256: 0.21 and 0.32; 1024: 1.8 and 2.4; 3D N = 256: 1.9 and 2.2.
+        factorization with it and without: 2D N = 256: 0.17 and 0.25; 1024: 1.2 and 2.0; 3D N = 256: 1.9 and 2.2.
 
     Raises
     ------
