@@ -21,13 +21,13 @@ _SIZES = (3, 2)
 class Plan(NamedTuple):
     """What the places of the entries alone decide.
 
-    `size` is that of the blocks, `index` and `start` are the block columns of each block row; `order` the rows by
+    `size` is that of the blocks, `column_k` and `start` are the block columns of each block row; `order` the rows by
     elimination, `place` the place of each in it; `parent` the first row below each column of L, and `begin` where the
     blocks of each column begin.
     """
 
     size: int
-    index: NDArray[np.int32]
+    column_k: NDArray[np.int32]
     start: NDArray[np.int32]
     order: NDArray[np.int64]
     place: NDArray[np.int64]
@@ -39,7 +39,7 @@ class Plan(NamedTuple):
         if size != self.size:
             return False
         found = _block_places(size, index, start)
-        return np.array_equal(found[0], self.index) and np.array_equal(found[1], self.start)
+        return np.array_equal(found[0], self.column_k) and np.array_equal(found[1], self.start)
 
 
 class BlockFactors(NamedTuple):

@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-untyped-call"
 """One assembly: the second derivatives of a sum of elements by all coordinates of their particles, and by strains.
 
 Each of the N particles has q coordinates, its d positions and then K turns (rotations about fixed axes, measured in
