@@ -594,9 +594,9 @@ class Engine:
         """Move particles that left the cell by whole lattice vectors, and take better ones where these are flat."""
         d = len(self.axes)
         body = self.state.body
-        lattice = self.space.frame.lattice_dd[:d, :d]
-        loops = Box(lattice)
-        fraction = body[:, :d] @ loops.inverse_dd.T
+        frame = self.space.frame
+        lattice = frame.lattice_dd[:d, :d]
+        fraction = body[:, :d] @ frame.inverse_dd[:d, :d].T
         shift = np.where((fraction < -1.0) | (fraction >= 2.0), np.floor(fraction), 0.0).astype(np.int64)
         for one in self.scene.effects:
             if isinstance(one, Walls) and one.moves:
@@ -605,7 +605,10 @@ class Engine:
             if isinstance(one, MeshWalls):
                 shift[:] = 0
         change = np.eye(d, dtype=np.int64)
-        if self.space.flow is not None:
+        # the smallest height of any cell of this volume is at most the side of a cube
+        side = abs(float(np.linalg.det(lattice))) ** (1.0 / d)
+        if self.space.flow is not None and frame.height_d[:d].min() < _FLAT * side:
+            loops = Box(lattice)
             reduced, other = loops.reduced()
             if loops.height_d.min() < _FLAT * reduced.height_d.min():
                 change = other

@@ -19,8 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import finite_array, one_of
 from packmech.jit.compiled import kernel
+from packmech.linalg.block_factor import Plan, block_size, factor_blocks, growth, plan, solve_blocks
 
-BACKENDS = ("qdldl", "superlu", "dense", "rslab")
+BACKENDS = ("blocks", "qdldl", "superlu", "dense", "rslab")
 # a pivot below this fraction of the largest entry of its row has lost all its digits
 ZERO_PIVOT = 1e-12
 # |L||D||L^T| above this multiple of |A| leaves fewer than eight digits of an indefinite factorization
@@ -78,7 +79,7 @@ class Factorization:
     growth: float
     backend: str
     _solve: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-    _analyzed: _Analyzed | None = None
+    _analyzed: _Known = None
     memory: int = 0
     # solves by the factors alone, where `_solve` refines
     _once: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
@@ -118,12 +119,16 @@ class _Failed(Exception):  # noqa: N818 - internal: this backend cannot factor t
 
 
 class _Stored(NamedTuple):
-    """A symmetric matrix by columns, which are its rows, in order, and the largest entry of each in size."""
+    """A symmetric matrix by columns, which are its rows, in order, and the largest entry of each in size.
+
+    `block` is the size of the blocks that it is made of.
+    """
 
     data: NDArray[np.float64]
     row: NDArray[np.int32]
     start: NDArray[np.int32]
     scale: NDArray[np.float64]
+    block: int
 
     def whole(self) -> sp.csc_matrix:
         """Return it as a matrix of SciPy."""
@@ -144,6 +149,10 @@ class _Analyzed:
         if same:
             self.triangle.data = data
         return same
+
+
+# what a library has found out about the places of the entries
+_Known = _Analyzed | Plan | None
 
 
 @kernel
@@ -205,16 +214,17 @@ def factorize(
         "definite" raises `NotDefinite` unless all pivots are positive; "symmetric" takes any nonsingular matrix and
         reports its inertia.
     backend
-        "qdldl" (sparse L D L^T), "superlu" (SciPy, minimum degree on A + A^T, pivots on the diagonal), "dense"
-        (LAPACK, at most 4000 rows), "rslab" (supernodal with Bunch-Kaufman pivots), or "auto": qdldl while rows are
-        short (two dimensions) or the matrix small, rslab otherwise. Measured, one thread, CPU milliseconds of a
-        factorization: 2D N = 1024: qdldl 4.7, SuperLU 8.1, rslab 7.7; 4096: 28, 63, 29; 16384: 228, 516, 118; 3D N =
-        256: 7.3, 7.7, 5.7; 1024: 147, 98, 43; 2048: 556, 453, 106. Without pivoting an indefinite matrix can lose
-        its digits; "auto" notices by the growth and falls back to the dense one.
+        "blocks" (L D L^T by blocks of 2 or 3 coordinates of a particle, or of 1), "qdldl" (sparse L D L^T), "superlu"
+        (SciPy, minimum degree on A + A^T, pivots on the diagonal), "dense" (LAPACK, at most 4000 rows), "rslab"
+        (supernodal with Bunch-Kaufman pivots), or "auto": while rows are short (two dimensions) or the matrix small,
+        blocks where it is made of such, qdldl where it is not; rslab otherwise. Measured, one thread, CPU milliseconds
+        of a factorization: 2D N = 1024: blocks 2.0, qdldl 3.7, SuperLU 5.7, rslab 5.4; 4096: 14, 27, 34, 27; 16384:
+        119, 273, 516, 117; 3D N = 256: 2.2, 4.3, 4.5, 4.2; 512: 11.4, 23, 16, 11.1; 1024: 71, 116, 90, 30. Without
+        pivoting an indefinite matrix can lose its digits; "auto" notices by the growth and falls back to the dense one.
     like
         A factorization that is needed no more: where its matrix had entries at the same places, the order of
         elimination serves again, and it must not be used to solve from then on. Measured, CPU milliseconds of a
-        factorization with it and without: 2D N = 256: 0.45 and 1.1; 3D N = 256: 3.7 and 7.8.
+        factorization with it and without: 2D N = 256: 0.17 and 0.25; 1024: 1.2 and 2.0; 3D N = 256: 1.9 and 2.2.
 
     Raises
     ------
@@ -308,19 +318,21 @@ def _checked(matrix: Any) -> _Stored:
         raise ValueError(f"matrix must be finite, got {data[bad]} in row {row}")
     if skew > 1e-8 * scale.max(initial=0.0) * np.abs(probe).max(initial=0.0):
         raise ValueError(f"matrix must be symmetric, got one whose transpose differs by about {skew:.2g}")
-    return _Stored(data, index, start, scale)
+    return _Stored(data, index, start, scale, block_size(index, start))
 
 
 def _order(matrix: _Stored) -> tuple[str, ...]:
     size = len(matrix.scale)
     # long rows fill in so much that supernodes win; crossovers measured on jammed packings
-    full = (len(matrix.data) > 18 * size and size > 700) or size > _LARGE
-    first = ("rslab", "superlu", "qdldl") if full else ("qdldl", "superlu")
+    blocks = matrix.block > 1
+    full = (len(matrix.data) > 18 * size and size > (1500 if blocks else 700)) or size > _LARGE
+    plain = ("blocks", "qdldl", "superlu") if blocks else ("qdldl", "superlu")
+    first = ("rslab", "superlu", "qdldl") if full else plain
     return (*first, "dense") if size <= _DENSE_SIZE else first
 
 
 # inertia, growth, solve, what holds for other matrices with entries at the same places, and bytes of the factors
-_Found = tuple[Inertia, float, Callable[[NDArray[np.float64]], NDArray[np.float64]], _Analyzed | None, int]
+_Found = tuple[Inertia, float, Callable[[NDArray[np.float64]], NDArray[np.float64]], _Known, int]
 # of a stored entry and its row
 _ENTRY_BYTES = 12
 
@@ -340,7 +352,22 @@ def _growth(lower: sp.csc_matrix, pivot: NDArray[np.float64], scale: NDArray[np.
     return growth if np.isfinite(growth) else np.inf
 
 
-def _qdldl(matrix: _Stored, known: _Analyzed | None) -> _Found:
+def _blocks(matrix: _Stored, known: Any) -> _Found:
+    if not matrix.block:
+        raise _Failed("entries without their mirror images")
+    if known is None or not known.fits(matrix.block, matrix.row, matrix.start):
+        known = plan(matrix.block, matrix.row, matrix.start)
+    factors = factor_blocks(matrix.data, known)
+    if factors is None:
+        raise _Failed("a zero pivot")
+    scale = matrix.scale.reshape(-1, known.size)[known.order]
+    inertia = _inertia(factors.pivot_nq.ravel(), scale.ravel())
+    grown = 1.0 if inertia.positive == len(matrix.scale) else growth(known, factors) / float(matrix.scale.max())
+    memory = sum(one.nbytes for one in factors)
+    return inertia, grown, functools.partial(solve_blocks, known, factors), known, memory
+
+
+def _qdldl(matrix: _Stored, known: Any) -> _Found:
     import qdldl
 
     upper = _triangle(matrix.data, matrix.row, matrix.start, True)
@@ -366,7 +393,7 @@ def _qdldl(matrix: _Stored, known: _Analyzed | None) -> _Found:
     return inertia, growth, solve, known, _ENTRY_BYTES * int(lower.nnz)
 
 
-def _superlu(matrix: _Stored, known: _Analyzed | None) -> _Found:
+def _superlu(matrix: _Stored, known: Any) -> _Found:
     options = {"SymmetricMode": True, "Equil": False}
     try:
         factor = spla.splu(matrix.whole(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
@@ -382,7 +409,7 @@ def _superlu(matrix: _Stored, known: _Analyzed | None) -> _Found:
     return inertia, growth, factor.solve, None, _ENTRY_BYTES * int(factor.nnz)
 
 
-def _dense(matrix: _Stored, known: _Analyzed | None) -> _Found:
+def _dense(matrix: _Stored, known: Any) -> _Found:
     import scipy.linalg
 
     if len(matrix.scale) > _DENSE_SIZE:
@@ -408,7 +435,7 @@ def _dense(matrix: _Stored, known: _Analyzed | None) -> _Found:
     return inertia, 1.0, solve, None, int(lower.nbytes)
 
 
-def _rslab(matrix: _Stored, known: _Analyzed | None) -> _Found:
+def _rslab(matrix: _Stored, known: Any) -> _Found:
     try:
         import rslab
     except ImportError:
@@ -428,7 +455,7 @@ def _rslab(matrix: _Stored, known: _Analyzed | None) -> _Found:
     return Inertia(*factor.inertia), 1.0, solve, known, int(factor.heap_bytes)
 
 
-_TRY = {"qdldl": _qdldl, "superlu": _superlu, "dense": _dense, "rslab": _rslab}
+_TRY = {"blocks": _blocks, "qdldl": _qdldl, "superlu": _superlu, "dense": _dense, "rslab": _rslab}
 
 
 def _particle_order(matrix: sp.csr_array, dimension: int) -> NDArray[np.int64]:

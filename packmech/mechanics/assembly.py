@@ -1,3 +1,4 @@
+# mypy: disable-error-code="no-untyped-call"
 """One assembly: the second derivatives of a sum of elements by all coordinates of their particles, and by strains.
 
 Each of the N particles has q coordinates, its d positions and then K turns (rotations about fixed axes, measured in
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 
 from packmech.contacts.elements import Elements, sum_slopes
 from packmech.contacts.network import distinct_pairs
-from packmech.jit.compiled import kernel
+from packmech.jit.compiled import device, kernel
 from packmech.linalg.mandel import mandel_basis
 
 
@@ -133,6 +134,57 @@ def _scatter(  # type: ignore[no-untyped-def]
                     lower[p, a, b] += sign[1, a] * sign[0, b] * one[place[1, a], place[0, b]]
 
 
+@device
+def _write(number, n, m, block, transposed, place, data, index):  # type: ignore[no-untyped-def]
+    """Write the block of two particles, or its transpose, at the places that their rows have reached."""
+    q = block.shape[0]
+    for a in range(q):
+        row = number[n * q + a]
+        if row < 0:
+            continue
+        for b in range(q):
+            column = number[m * q + b]
+            if column >= 0:
+                data[place[row]] = block[b, a] if transposed else block[a, b]
+                index[place[row]] = column
+                place[row] += 1
+
+
+@kernel
+def _rows(number, pair_i, pair_j, upper, lower, diagonal):  # type: ignore[no-untyped-def]
+    """Return entries, columns and beginnings of the rows of coordinates that have a number, -1 being those without.
+
+    `lower` is empty where it is the transpose of `upper`.
+    """
+    particles, q = diagonal.shape[:2]
+    width = np.zeros(particles, np.int32)
+    for n in range(particles):
+        for a in range(q):
+            width[n] += number[n * q + a] >= 0
+    length = width.copy()
+    for p in range(pair_i.shape[0]):
+        length[pair_i[p]] += width[pair_j[p]]
+        length[pair_j[p]] += width[pair_i[p]]
+    start = np.zeros(width.sum() + 1, np.int32)
+    for n in range(particles):
+        for a in range(q):
+            row = number[n * q + a]
+            if row >= 0:
+                start[row + 1] = start[row] + length[n]
+    data, index, place = np.empty(start[-1]), np.empty(start[-1], np.int32), start[:-1].copy()
+    # pairs are sorted by (i, j): taken in order, columns of a row come in order
+    for p in range(pair_i.shape[0]):
+        if lower.shape[0]:
+            _write(number, pair_j[p], pair_i[p], lower[p], False, place, data, index)
+        else:
+            _write(number, pair_j[p], pair_i[p], upper[p], True, place, data, index)
+    for n in range(particles):
+        _write(number, n, n, diagonal[n], False, place, data, index)
+    for p in range(pair_i.shape[0]):
+        _write(number, pair_i[p], pair_j[p], upper[p], False, place, data, index)
+    return data, index, start
+
+
 def _number_pairs(
     i_c: NDArray[np.int64], j_c: NDArray[np.int64], particles: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
@@ -193,22 +245,15 @@ class Assembled:
 
     def matrix(self, free_f: NDArray[np.bool_], extra_f: NDArray[np.float64] | None = None) -> sp.csr_array:
         """Return the derivatives by the free ones of the (N q,) coordinates, with something added on the diagonal."""
-        particles, q = self.diagonal_nqq.shape[:2]
-        lower = self.upper_pqq.transpose(0, 2, 1) if self.lower_pqq is None else self.lower_pqq
-        own = np.arange(particles)
-        row, column = (
-            np.concatenate(ends) for ends in ((self.pair_j, own, self.pair_i), (self.pair_i, own, self.pair_j))
-        )
-        order = np.argsort(row * particles + column)
-        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=particles))]).astype(np.int32)
-        diagonal = self.diagonal_nqq
+        diagonal, lower = self.diagonal_nqq, self.lower_pqq
         if extra_f is not None:
-            diagonal = diagonal.copy()
-            diagonal[:, range(q), range(q)] += extra_f.reshape(particles, q)
-        blocks = np.concatenate([lower, diagonal, self.upper_pqq])[order]
-        rows = blocks, column[order].astype(np.int32), start
-        whole = sp.bsr_array(rows, shape=(particles * q, particles * q)).tocsr()
-        found = whole if free_f.all() else whole[free_f][:, free_f]
+            diagonal, q = diagonal.copy(), diagonal.shape[1]
+            diagonal[:, range(q), range(q)] += extra_f.reshape(-1, q)
+        number = np.where(free_f, np.cumsum(free_f) - 1, -1)
+        lower = np.zeros((0, *self.upper_pqq.shape[1:])) if lower is None else lower
+        rows = _rows(number, self.pair_i, self.pair_j, self.upper_pqq, lower, diagonal)
+        size = len(rows[2]) - 1
+        found = sp.csr_array(rows, shape=(size, size))
         found.has_canonical_format = True
         return found
 

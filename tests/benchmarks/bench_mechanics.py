@@ -39,7 +39,7 @@ def factorizations() -> None:
         d = backbone.dimension
         matrix = pm.hessian(scene.replace(packing=backbone), "none").tocsr()[d:, d:]
         right = np.random.default_rng(0).normal(size=(matrix.shape[0], 6))
-        for backend in ("auto", "qdldl", "superlu", "rslab"):
+        for backend in ("auto", "blocks", "qdldl", "superlu", "rslab"):
             try:
                 factor = factorize(matrix, backend=backend)
             except NotDefinite as refused:

@@ -294,7 +294,7 @@ CASES = (
             "condition number 2.9 / 0.0011 = 3e3 times 2e-16, and one digit for pivot growth",
             partial(_indefinite, backend),
         )
-        for backend in ("qdldl", "superlu", "dense")
+        for backend in ("blocks", "qdldl", "superlu", "dense")
     ),
     HardCase(
         "saddle matrix",
@@ -313,6 +313,6 @@ CASES = (
             "none may pass",
             partial(_silent, backend),
         )
-        for backend in ("qdldl", "superlu", "dense")
+        for backend in ("blocks", "qdldl", "superlu", "dense")
     ),
 )

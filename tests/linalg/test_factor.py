@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import packmech as pm
+from packmech.linalg.block_factor import block_size, plan
 from packmech.linalg.factor import Inertia, NotDefinite, eigenvalues_below, factorize
 
-WAYS = ["auto", "qdldl", "superlu", "dense"]
+WAYS = ["auto", "blocks", "qdldl", "superlu", "dense"]
 
 
 def symmetric(seed, size=60, shift=0.0):
@@ -101,7 +102,7 @@ def test_rows_without_entries_are_zero_eigenvalues(backend):
     try:
         assert factorize(matrix, kind="symmetric", backend=backend).inertia == (1, 1, 2)
     except NotDefinite as refused:
-        assert "cannot factor" in str(refused) and backend in ("superlu", "dense")
+        assert "cannot factor" in str(refused) and backend in ("blocks", "superlu", "dense")
 
 
 def test_the_matrix_given_is_left_as_it_was():
@@ -111,7 +112,7 @@ def test_the_matrix_given_is_left_as_it_was():
     assert all(np.array_equal(a, b) for a, b in zip(before, (matrix.data, matrix.indices, matrix.indptr), strict=True))
 
 
-@pytest.mark.parametrize("backend", ["auto", "qdldl", "superlu", "dense", "rslab"])
+@pytest.mark.parametrize("backend", ["auto", "blocks", "qdldl", "superlu", "dense", "rslab"])
 def test_an_earlier_factorization_serves_whatever_became_of_the_matrix(backend):
     if backend == "rslab":
         pytest.importorskip("rslab")
@@ -131,6 +132,43 @@ def test_an_earlier_factorization_serves_whatever_became_of_the_matrix(backend):
             part = right[: matrix.shape[0]]
             np.testing.assert_allclose(factor.solve(part), np.linalg.solve(matrix.toarray(), part), rtol=1e-9)
             assert factor.inertia == factorize(matrix, kind="symmetric", backend=backend).inertia
+
+
+@pytest.mark.parametrize("size", [2, 3])
+def test_random_blocks_are_factored_as_such(size):
+    graph = sp.random_array((40, 40), density=0.06, rng=np.random.default_rng(size)) + sp.eye_array(40)
+    places = sp.kron(graph + graph.T, np.ones((size, size)), format="csr")
+    number = np.random.default_rng(1).normal(size=places.shape)
+    matrix = sp.csr_array(places.astype(bool).multiply(number + number.T))
+    matrix.sort_indices()
+    factor = factorize(matrix, kind="symmetric")
+    assert factor.backend == "blocks" and block_size(matrix.indices, matrix.indptr) == size
+    value = np.linalg.eigvalsh(matrix.toarray())
+    assert factor.inertia == (int((value > 0).sum()), int((value < 0).sum()), 0)
+    right = np.random.default_rng(2).normal(size=(len(value), 2))
+    bound = 1e-13 * factor.growth * np.linalg.cond(matrix.toarray())
+    assert np.abs(matrix @ factor.solve(right) - right).max() <= bound * np.abs(right).max()
+    exact = np.linalg.solve(matrix.toarray(), right)
+    assert np.abs(factor.solve(right) - exact).max() <= bound * np.abs(exact).max()
+
+
+@pytest.mark.parametrize(("dimension", "particles"), [(2, 400), (3, 200)])
+def test_blocks_fill_in_as_little_as_single_rows_do(dimension, particles):
+    packing = pm.random_packing(particles, dimension=dimension, packing_fraction=0.8 if dimension == 2 else 0.6, seed=1)
+    pairs = pm.hessian(pm.Scene(packing, (pm.Repulsion(),)), "none")
+    matrix = sp.csr_array(pairs @ pairs + sp.eye_array(pairs.shape[0]))
+    found = plan(dimension, matrix.indices, matrix.indptr)
+    below = dimension**2 * found.begin[-1] + matrix.shape[0] * (dimension - 1) / 2
+    # bytes of a number and of its row
+    assert below < 1.1 * factorize(matrix, backend="qdldl").memory / 12
+
+
+def test_entries_without_their_mirror_images_are_left_to_those_who_read_one_triangle():
+    matrix = sp.csr_array(([2.0, 1e-12, 2.0], ([0, 0, 1], [0, 1, 1])), shape=(2, 2))
+    assert block_size(matrix.indices, matrix.indptr) == 0
+    assert factorize(matrix).inertia == (2, 0, 0)
+    with pytest.raises(NotDefinite, match="without their mirror images"):
+        factorize(matrix, backend="blocks")
 
 
 def test_an_empty_matrix_has_an_empty_factorization():

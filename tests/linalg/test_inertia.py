@@ -71,7 +71,7 @@ def test_an_empty_matrix_has_no_eigenvalues_and_factors_that_are_gone_solve_noth
     assert factorize(matrix, kind="symmetric", like=emptied).inertia == emptied.inertia
 
 
-@pytest.mark.parametrize("backend", ["qdldl", "superlu", "dense", "rslab"])
+@pytest.mark.parametrize("backend", ["blocks", "qdldl", "superlu", "dense", "rslab"])
 def test_factors_say_how_much_memory_they_take(backend):
     assert factorize(symmetric(2), kind="symmetric", backend=backend).memory > 8 * 60
 
