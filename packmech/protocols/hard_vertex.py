@@ -21,7 +21,14 @@ from packmech.packing import Packing
 from packmech.protocols.method import JamMethod
 from packmech.protocols.pressure_path import follow_jammed
 from packmech.protocols.protocol import Protocol, at_packing_fraction
-from packmech.protocols.soft import FIRST_DEPTH, depth_asked, follow_pressure, press_large, search_pressure
+from packmech.protocols.soft import (
+    FIRST_DEPTH,
+    depth_asked,
+    follow_pressure,
+    press_large,
+    search_from_first,
+    search_pressure,
+)
 from packmech.result import Outcome
 
 # the onset is first guessed this far below, relative to the packing fraction, and held within these bounds afterwards
@@ -350,7 +357,8 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
     """
     goal = protocol.reduced_pressure(pressure)
     units, tolerance = protocol.units, protocol.force_tolerance
-    if hard.packing.particles >= _LARGE and depth_asked(hard, units, goal) > FIRST_DEPTH:
+    large = hard.packing.particles >= _LARGE
+    if large and depth_asked(hard, units, goal) > FIRST_DEPTH:
         state = press_large(protocol, hard, goal)
         return protocol.restored(state.packing), judge(state, tolerance)
     with protocol.stage("soft packing") as figures:
@@ -358,6 +366,8 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
-    if state.reached < 1.0:
+    if state.reached < 1.0 and large:
+        state = search_from_first(protocol, hard, goal)
+    elif state.reached < 1.0:
         state = search_pressure(protocol, state.packing, goal)
     return protocol.restored(state.packing), judge(state, tolerance)

@@ -26,7 +26,8 @@ _SEARCHED_TO = (1e-3, 3e-5, 9e-7)
 _FIRE_STEPS = 30_000
 # largest number of Newton's steps from one packing on a way to the next
 _NEWTON_STEPS = 25
-# and of those that only go down from the first soft packing of a large one, before FIRE is asked
+# and of those that only go down from the first soft packing of 1000 particles before FIRE is asked; of others they grow
+# as the square root of their number
 _DOWNHILL = 80
 # mean relative overlap up to which the soft packing is as good as one linear step from the hard one
 FIRST_DEPTH = 1e-7
@@ -246,7 +247,21 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
     sound = state.sound(protocol.force_tolerance)
-    return state if sound else search_pressure(protocol, start, goal, downhill=_DOWNHILL)
+    return state if sound else search_from_first(protocol, hard, goal)
+
+
+def search_from_first(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState:
+    """Return the soft packing that Newton's steps go down to from the first one of a large hard packing, or FIRE finds.
+
+    Parameters
+    ----------
+    protocol, hard, goal
+        As in `press_large`.
+
+    """
+    start = first_soft(hard, protocol.units, protocol.basis_kdd, goal)
+    downhill = round(_DOWNHILL * math.sqrt(hard.packing.particles / _LARGE))
+    return search_pressure(protocol, start, goal, downhill=downhill)
 
 
 def follow_pressure(

@@ -78,8 +78,8 @@ def main(*, starts: int = 10, out: Path = Path(__file__).parent) -> None:
         else:
             chosen = next(one for one in found.trials if one.changes == found.changes)
             ((share, many),) = shares(scene, text, [found.changes], found.reference, starts)
-            # what none of three starts came near to needs no further trial
-            cheaper = [one for one in found.trials if one.cost < chosen.cost and max(one.share.values()) >= 0.3]
+            # to what clocks can tell; what none of three starts came near to needs no further trial
+            cheaper = [one for one in found.trials if one.cost < 0.95 * chosen.cost and max(one.share.values()) >= 0.3]
             others = shares(scene, text, [one.changes for one in cheaper], found.reference, starts) if cheaper else []
         rows.append([scene, text, ("each", "mean")[mean], ("no", "yes")[built], found.met, found.words(), many, share])
         rows[-1] += [len(others), max(others, default=("", 0))[0], f"{found.seconds:.0f}"]
