@@ -366,7 +366,7 @@ class Packing:
         """Return the links and tangential displacements that go with particles to other images."""
         try:
             position = np.asarray(changes["position_nd"], dtype=np.float64)
-        except (TypeError, ValueError):
+        except Exception:
             return {}  # the constructor names what is wrong
         box = changes.get("box", self.box)
         if position.shape != self.position_nd.shape or not isinstance(box, Box) or box.dimension != self.dimension:

@@ -13,6 +13,7 @@ from cyclopts import Parameter
 import packmech
 from packmech.check import brief, did_you_mean
 from packmech.cli.output import show, table
+from packmech.files.paths import made_folder
 
 INSTALLED = Path(packmech.__file__).parent / "gallery"
 CHECKOUT = Path(packmech.__file__).parents[1] / "recordings" / "gallery"
@@ -58,7 +59,7 @@ def gallery(
     if show_script:
         sys.stdout.write(found[name].read_text(encoding="utf-8"))
         return
-    out.mkdir(parents=True, exist_ok=True)
+    made_folder("out", out)
     show(about(found[name]) + "\n")
     words, sys.argv = sys.argv, [str(found[name]), str(out)]
     try:

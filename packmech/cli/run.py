@@ -37,6 +37,7 @@ from packmech.cli.output import (
 )
 from packmech.effects import Bonds, bonds_of
 from packmech.files.modules import load_modules
+from packmech.files.paths import made_folder
 from packmech.generate import fragment_numbers
 from packmech.jit.interrupts import safe_interrupts
 from packmech.observables import State, added_observables
@@ -63,7 +64,7 @@ class Pictures:
         one_of("format", self.format, ("png", "svg"))
         if self.frames is not None:
             integer("frames", self.frames, at_least=2)
-            self.folder.mkdir(parents=True, exist_ok=True)
+            made_folder("pictures", self.folder)
         if self.live is not None:
             from packmech.view.live import check_live_target
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from packmech.check import brief, clear_errors, positive, positive_array, real
+from packmech.check import brief, clear_errors, entries, positive, positive_array, real
 from packmech.contacts.network import pair_of_kinds
 from packmech.effects.damping import ViscoelasticDamping
 from packmech.effects.interaction import is_interaction
@@ -94,10 +94,7 @@ def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[Partners, float]:
     """Return the partners and the reduced mass of two particles; one of the masses may be infinite."""
     radius, other = positive_array("radii", radii, shape=(2,), what="radius").tolist()
     partners = partners_of(radius, other, 0)
-    try:
-        found = np.asarray(masses, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise TypeError(f"masses must be two positive numbers, got {brief(masses)}") from None
+    found = entries("masses", masses, "iuf", "two positive numbers").astype(np.float64)
     if found.shape != (2,) or not (found > 0.0).all() or np.isinf(found).all():
         raise ValueError(f"masses must be two positive numbers, one of them finite, got {brief(masses)}")
     return partners, 1.0 / float((1.0 / found).sum())

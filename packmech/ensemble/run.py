@@ -30,7 +30,7 @@ from packmech.ensemble.jobs import (
 from packmech.ensemble.members import Grid, Member, members_of, part_of
 from packmech.ensemble.table import Ensemble, read_ensemble
 from packmech.ensemble.worker import INSIDE, Limits, Reply, StartError, Worker, can_limit_memory, carry_out
-from packmech.files.paths import PathLike
+from packmech.files.paths import PathLike, file_name
 from packmech.jit.blas import single_thread
 from packmech.jit.interrupts import safe_interrupts
 
@@ -308,14 +308,13 @@ def _with_warning(made: Made) -> Ensemble:
 
 
 def _folder(folder: Any, here: bool) -> Path:
-    if not isinstance(folder, str | os.PathLike):
-        raise TypeError(f"folder must be a path, got {brief(folder)}")
+    place = file_name("folder", folder, "a folder's name")
     if os.environ.get(INSIDE) and not here:
         raise ValueError(
             "job must not run an ensemble itself, unless with workers 0; a script that does needs its call below "
             "if __name__ == '__main__':"
         )
-    return Path(folder).absolute()
+    return place.absolute()
 
 
 @dataclass(frozen=True)

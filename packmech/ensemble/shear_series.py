@@ -24,6 +24,7 @@ from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
 from packmech.ensemble.members import member_of
 from packmech.ensemble.run import complete_members, member_settings
+from packmech.files.paths import file_name, made_folder
 from packmech.loop.checkpoint import fingerprint, scene_fingerprints
 from packmech.measure.signals import ERRORS, mean_with_error, yield_strain
 from packmech.result import NotConverged
@@ -310,9 +311,7 @@ def _folder_of(folder: str | os.PathLike[str] | None) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix="packmech-") as place:
             yield Path(place)
         return
-    if not isinstance(folder, str | os.PathLike):
-        raise TypeError(f"folder must be a path or None, got {brief(folder)}")
-    yield Path(folder)
+    yield file_name("folder", folder, "a folder's name or None")
 
 
 def _kept(folder: Path, scene: Any, pairs: Sequence[tuple[str, float | None]]) -> str:
@@ -326,7 +325,7 @@ def _kept(folder: Path, scene: Any, pairs: Sequence[tuple[str, float | None]]) -
     name = fingerprint([sorted(scene_fingerprints(scene).items()), scene.drive])[:32]
     path = folder / SCENES / f"{name}.toml"
     if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
+        made_folder("folder", path.parent)
         write_scene(scene, path)
     return name
 

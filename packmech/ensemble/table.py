@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from packmech.check import brief, chosen_rows, clear_errors, did_you_mean, integ
 from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
 from packmech.files.packings import read_packing
-from packmech.files.paths import PathLike
+from packmech.files.paths import PathLike, file_name
 from packmech.observables import Column, Table
 from packmech.packing import Packing
 
@@ -208,9 +207,7 @@ def read_ensemble(folder: PathLike) -> Ensemble:
     (['done', 'done'], (2,), True)
 
     """
-    if not isinstance(folder, str | os.PathLike):
-        raise TypeError(f"folder must be a path, got {brief(folder)}")
-    place = Path(folder)
+    place = file_name("folder", folder, "a folder's name")
     read_job(place)
     return ensemble_of(place, [find(place, one) for one in listed_members(place)])
 

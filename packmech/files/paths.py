@@ -67,8 +67,13 @@ def existing_file(argument: str, path: Any) -> Path:
     return found
 
 
-def writable_file(argument: str, path: Any) -> Path:
-    """Return the path of a file to be written, after trying that a file can be made beside it.
+def printable(text: str) -> str:
+    """Return the name of a file with a question mark for each byte that no letter stands for."""
+    return text.encode("utf-8", "replace").decode()
+
+
+def writable_file(argument: str, path: Any, *, make_folder: bool = False) -> Path:
+    """Return the path of a file to be written, after trying that a file can be made beside it, in a new folder or not.
 
     Raises
     ------
@@ -82,6 +87,10 @@ def writable_file(argument: str, path: Any) -> Path:
     if _is_device(target):
         return target
     folder = _behind_links(target).parent
+    if make_folder:
+        # what cannot be made is missing below
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
     if not folder.is_dir():
         raise ValueError(f"{argument} must lie in an existing folder, got {str(path)!r}")
     trial = folder / _beside(target.name)
@@ -91,6 +100,25 @@ def writable_file(argument: str, path: Any) -> Path:
     except OSError as error:
         raise ValueError(
             f"{argument} must lie in a folder where a file can be made, got {str(path)!r}: {error.strerror}"
+        ) from error
+    return target
+
+
+def made_folder(argument: str, path: Any) -> Path:
+    """Return the path of a folder, made with those that it lies in where need be.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is no folder's name, that of a file, or one that cannot be made.
+
+    """
+    target = file_name(argument, path, "a folder's name")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ValueError(
+            f"{argument} must be a folder, or one that can be made, got {str(path)!r}: {error.strerror}"
         ) from error
     return target
 

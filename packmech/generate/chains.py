@@ -14,7 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
 from packmech.calls.status import shown_as
-from packmech.check import PARTICLE_BYTES, brief, finite_array, integer, one_of, positive, positive_array, real
+from packmech.check import (
+    PARTICLE_BYTES,
+    brief,
+    finite_array,
+    given_shape,
+    integer,
+    one_of,
+    positive,
+    positive_array,
+    real,
+)
 from packmech.contacts.crossing import crossing_links
 from packmech.contacts.fused_volume import lens, shared_volume
 from packmech.generate.placed import Placed, checked_overlap
@@ -581,6 +591,11 @@ def _angle(a: Point, b: Point) -> float:
 FORMS = ("open", "ring", "wound")
 _ANGLES = ("free", "fixed")
 
+# shorter links, in the largest radius, are lost in the rounding of positions
+_SHORTEST_LINK = 1e-12
+# heights of the box that a chain may reach: packings count images up to twice as many
+_FARTHEST = 2.0**30
+
 # links cannot hold angles of chains that bend less [rad]
 _MINIMUM_BEND = 1e-6
 
@@ -698,6 +713,12 @@ def chain_packing(
     overlap = checked_overlap(largest_overlap)
     tries = integer("tries", tries, at_least=1)
     radius_n = _radius_n(radii, sizes, count, beads, rng)
+    largest = float(radius_n.max())
+    if link_length < _SHORTEST_LINK * largest:
+        raise ValueError(
+            f"link_length must be at least {_SHORTEST_LINK:g} of the largest radius {largest:g}, got {link_length:g}"
+        )
+    box_for(radius_n, packing_fraction, shape_dd)
 
     avoid = dimension == 2 and crossing == "avoided"
     bond = [(a, b) for a, b, _ in _bonds(Chain(dimension, parent_b, link_length, bend, held, bend_b, closing, ()))]
@@ -713,11 +734,12 @@ def chain_packing(
             rng.bit_generator.state = state
         state = rng.bit_generator.state
         scaled = box_for(radius_n, packing_fraction, shape_dd, shared)
-        longest = _BOXES * float(scaled.reduced()[0].height_d.min())
-        if avoid and link_length > longest:
+        boxes = _BOXES if avoid else _FARTHEST / beads
+        longest = boxes * float(scaled.reduced()[0].height_d.min())
+        if link_length > longest:
             raise ValueError(
-                f"link_length must be at most {longest:.4g}, {_BOXES} heights of the box, where links must not cross, "
-                f"got {link_length:g}"
+                f"link_length must be at most {longest:.4g}, {boxes:g} heights of the box"
+                f"{', where links must not cross' if avoid else ''}, got {link_length:g}"
             )
         around = () if closing is None else tuple(np.einsum("de,e->d", scaled.lattice_dd, np.array(closing)).tolist())
         reach = math.sqrt(math.fsum(x * x for x in around))
@@ -817,9 +839,9 @@ def _angles(angles: Any, bend: float, beads: int, form: Any) -> tuple[bool, tupl
         return held, None
     if not (isinstance(form, str) and form == "open"):
         raise ValueError(f"angles must be 'free' or 'fixed' unless form is 'open', got {brief(angles)}")
-    given = np.full(max(beads - 2, 1), positive("angles", angles)) if np.ndim(angles) == 0 else angles
+    given = np.full(max(beads - 2, 1), positive("angles", angles)) if not given_shape(angles) else angles
     checked = positive_array("angles", given, shape=(None,), what="angle")
-    if np.ndim(angles) and len(checked) != beads - 2:
+    if given_shape(angles) and len(checked) != beads - 2:
         raise ValueError(f"angles must have one entry per inner bead ({beads - 2}), got {len(checked)}")
     straight = np.abs(checked - math.pi / 2) > math.pi / 2 - 1e-6
     if straight.any():
@@ -835,7 +857,7 @@ def _radius_n(
         if radii is not None:
             raise ValueError(f"radii must be left out when sizes are given, got {brief(radii)}")
         return np.asarray(rng.permutation(sizes_of(sizes, sizes).radii(count * beads, rng)))
-    if radii is None or np.ndim(radii) == 0:
+    if radii is None or not given_shape(radii):
         return np.full(count * beads, 0.5 if radii is None else positive("radii", radii))
     checked = positive_array("radii", radii, shape=(None,))
     if len(checked) not in (beads, count * beads):

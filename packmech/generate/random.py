@@ -555,8 +555,14 @@ def box_for(
     """Return the box of that shape in which the particles' volumes, less what they share, are the packing fraction."""
     dimension = len(shape_dd)
     ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
-    volume = (ball * math.fsum(radius_n**dimension) - shared) / packing_fraction
+    with np.errstate(over="ignore", under="ignore"):
+        volume = (ball * math.fsum(radius_n**dimension) - shared) / packing_fraction
     shape = Box(shape_dd)
+    if not 0.0 < volume / shape.volume < math.inf:
+        raise ValueError(
+            f"radii must be of volumes that float64 can hold, got {radius_n.min():g} to {radius_n.max():g} in a box of "
+            f"volume {volume:g}"
+        )
     return shape.scaled((volume / shape.volume) ** (1.0 / dimension))
 
 

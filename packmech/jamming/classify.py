@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, brief, instance, integer, integer_array, one_of, real
+from packmech.check import BoxStrain, brief, given_shape, instance, integer, integer_array, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.given import check_given
 from packmech.jamming.backbone import EMPTY, Judged, carrying_contacts, judge_network, standing_contacts, with_more
@@ -460,7 +460,7 @@ def _repeats(packing: Packing, tiled: bool | Sequence[int], method: str) -> tupl
         )
     if tiled is True:
         return None
-    if np.ndim(tiled) != 1 or isinstance(tiled, str):
+    if len(given_shape(tiled)) != 1:
         raise TypeError(f"tiled must be True, False or {packing.dimension} numbers of copies, got {brief(tiled)}")
     numbers = integer_array("tiled", tiled, shape=(packing.dimension,), what="lattice vector")
     if not (1 <= int(numbers.min()) and int(numbers.max()) <= MOST_COPIES and int(numbers.prod()) <= MOST_WAVES):

@@ -89,7 +89,7 @@ def _lags(lags: ArrayLike | None, frames: int) -> NDArray[np.int64]:
     if lags is None:
         longest = max(frames // 2, 1)
         return np.unique(np.rint(np.geomspace(1.0, longest, _LAGS)).astype(np.int64))
-    given = np.atleast_1d(np.asarray(lags))
+    given = np.atleast_1d(entries("lags", lags, "iu", "numbers of frames"))
     if given.ndim > 1 or not len(given):
         raise ValueError(f"lags must be numbers of frames, one at least, got {brief(lags)}")
     return np.array([integer("lags", one, at_least=1, at_most=frames - 1) for one in given.tolist()], dtype=np.int64)

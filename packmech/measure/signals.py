@@ -214,14 +214,18 @@ def demodulate(
     if (np.diff(phase) <= 0.0).any():
         raise ValueError(f"phase_t must rise, got a step of {np.diff(phase).min():g}")
     last = phase[-1] / _TURN if periods is None else real("periods", periods, above=skip)
+    # no later than the end of the last period that was begun
+    last = min(last, math.floor(phase[-1] / _TURN) + 1.0)
     # a sample at either end must not be lost to rounding
-    slack = 1e-9 * max(1.0, abs(last))
+    slack = min(1e-9 * max(1.0, abs(last)), 1e-3)
     window = (phase >= _TURN * (skip - slack)) & (phase <= _TURN * (last + slack))
     phase, stress = phase[window], stress[window]
     found, error, left = _fit(phase, stress)
     steady = stress - found[4] - found[5] * phase
     each = []
-    for k in range(math.ceil(skip - slack), math.floor(last + slack)):
+    for k in np.unique(np.floor(phase / _TURN)):
+        if not math.ceil(skip - slack) <= k < math.floor(last + slack):
+            continue
         inside = (phase >= _TURN * (k - slack)) & (phase <= _TURN * (k + 1 + slack))
         if np.count_nonzero(inside) > _TERMS:
             each.append(np.linalg.lstsq(_waves(phase[inside])[:, :5], steady[inside], rcond=None)[0][:2])

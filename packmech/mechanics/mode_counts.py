@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, Kind, finite_array, instance
+from packmech.check import BoxStrain, Kind, finite_array, given_shape, instance
 from packmech.jit.blas import single_thread
 from packmech.measure.contact_forces import resting_forces, unless_at_rest
 from packmech.mechanics.hessian import check_choices, check_strain_of_box
@@ -142,8 +143,8 @@ def count_modes(
     """
     start = time.process_time()
     instance("scene", scene, Scene)
-    value = np.asarray(below)
-    frequency = finite_array("below", value.reshape(-1) if value.ndim == 0 else value, shape=(None,), what="value")
+    levels: Any = below if given_shape(below) else [below]
+    frequency = finite_array("below", levels, shape=(None,), what="value")
     instance("signs", signs, bool)
     check_choices(kind, strain, volume_curvature)
     check_strain_of_box(scene, strain)
@@ -152,7 +153,8 @@ def count_modes(
             scene, kind, strain=strain, volume_curvature=volume_curvature, strain_scale=strain_scale,
             rattlers=rattlers, gap_tolerance=gap_tolerance,
         )  # fmt: skip
-        found = [vibrations.count(vibrations.level(one)) for one in frequency.tolist()]
+        each = {one: vibrations.count(vibrations.level(one)) for one in dict.fromkeys(frequency.tolist())}
+        found = [each[one] for one in frequency.tolist()]
         negative = zero = signs_certain = None
         if signs:
             floor = ZERO * (vibrations.largest or 1.0)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
+import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +33,11 @@ DENSE_ROWS = 1200
 _DENSE_LIMIT = 8192
 # the shift lies this far below zero, in bounds on the largest eigenvalue
 _SHIFT = 1e-6
+# eigenvalues nearer to each other than this, in the same bounds, are of one degenerate set
+_DEGENERATE = 1e-9
 _ROUNDS = 6
+# of one run of Lanczos: those that end take some tens
+_RESTARTS = 300
 
 
 def _in_words(one: Waves) -> str:
@@ -280,24 +286,71 @@ def _shift_invert(
     matrix: sp.csr_array, count: int, bound: float
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128], int]:
     """Return the lowest eigenvalues and vectors, and how many lower ones a count by inertia shows to be missing."""
-    real = real_form(matrix)
+    rows, real = matrix.shape[0], real_form(matrix)
     shift = -_SHIFT * bound
     while eigenvalues_below(real, shift):
         shift *= 8.0
-    begin = np.random.default_rng(0).normal(size=matrix.shape[0]).astype(complex)
-    missed = 0
-    for _ in range(_ROUNDS):
-        # Lanczos may overlook members of a degenerate set: more are asked for
-        wanted = min(count + missed + 2, matrix.shape[0] - 2)
-        value, vector = spla.eigsh(sp.csc_array(matrix), k=wanted, sigma=shift, which="LM", v0=begin, tol=0.0)
-        order = np.argsort(value)
-        value, vector = value[order], vector[:, order]
-        gap = np.diff(value[count - 1 :])
-        k = count - 1 + int(np.argmax(gap))
-        missed = eigenvalues_below(real, 0.5 * float(value[k] + value[k + 1])) // 2 - (k + 1)
-        if missed <= 0:
+    solve = spla.splu(sp.csc_array(matrix - shift * sp.eye_array(rows))).solve
+    found, value, missed = np.zeros((rows, 0), dtype=complex), np.zeros(0), count + 2
+    for turn in itertools.count():
+        # Lanczos may overlook members of a degenerate set: the next run searches across what was found
+        more = min(missed, count + 2, rows - found.shape[1] - 1)
+        found = np.hstack([found, _lanczos(matrix, solve, shift, found, more, turn)])
+        value, inside = np.linalg.eigh(found.conj().T @ (matrix @ found))
+        found = found @ inside
+        missed = count + 2 - len(value) if len(value) < count + 2 else _missed(real, value, count, bound)
+        if missed <= 0 or (turn >= _ROUNDS and len(value) > count):
             break
-    return value[:count], vector[:, :count], max(missed, 0)
+    return value[:count], found[:, :count], max(missed, 0)
+
+
+def _lanczos(
+    matrix: sp.csr_array,
+    solve: Callable[[NDArray[np.complex128]], NDArray[np.complex128]],
+    shift: float,
+    taken: NDArray[np.complex128],
+    count: int,
+    turn: int,
+) -> NDArray[np.complex128]:
+    """Return orthonormal vectors of the eigenvalues nearest to the shift, across those that are taken."""
+
+    def across(vector: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        return np.asarray(vector - taken @ (taken.conj().T @ vector))
+
+    rows = matrix.shape[0]
+    inverse = spla.LinearOperator((rows, rows), matvec=lambda v: across(solve(across(v.ravel()))), dtype=complex)
+    rng = np.random.default_rng(turn)
+    # newer SciPy restarts from its own generator: give it a seed, so that a repetition has the same bits
+    seeded = {"rng": rng} if "rng" in inspect.signature(spla.eigsh).parameters else {}
+    while True:
+        begin = across(rng.normal(size=rows).astype(complex))
+        room = min(rows, max(2 * count + 1, count + 40))
+        try:
+            _, vector = spla.eigsh(
+                matrix, k=count, sigma=shift, OPinv=inverse, v0=begin, ncv=room, tol=0.0, maxiter=_RESTARTS, **seeded
+            )
+        except spla.ArpackError as failure:
+            # of few different eigenvalues, each of many waves, it can run out of directions before it has all: what it
+            # has will do, and where that is nothing fewer may be found
+            vector = getattr(failure, "eigenvectors", np.zeros((rows, 0)))
+            if not vector.shape[1] and count == 1:
+                raise
+        if vector.shape[1]:
+            return np.asarray(np.linalg.qr(across(vector))[0])
+        count = (count + 1) // 2
+
+
+def _missed(real: sp.csr_array, value: NDArray[np.float64], count: int, bound: float) -> int:
+    """Return how many eigenvalues below the highest of so many a list lacks, by the inertia in a gap of the list.
+
+    The gap is the widest above them, or the next one below where those above are one degenerate set.
+    """
+    gap = np.diff(value)
+    k = count - 1 + int(np.argmax(gap[count - 1 :]))
+    if gap[k] <= _DEGENERATE * bound:
+        k = max(np.flatnonzero(gap[:k] > _DEGENERATE * bound).tolist(), default=-1)
+    level = 0.5 * float(value[k] + value[k + 1]) if k >= 0 else float(value[0]) - _DEGENERATE * bound
+    return eigenvalues_below(real, level) // 2 - (k + 1)
 
 
 def _speeds_in_words(one: SoundSpeeds) -> str:

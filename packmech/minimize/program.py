@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.box import Box
-from packmech.check import finite_array, instance, integer, positive, real
+from packmech.check import finite_array, given_shape, instance, integer, positive, real
 from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
@@ -224,7 +224,7 @@ class Program:
 
         """
         d, n = len(self.axes), len(self.order_n)
-        given = np.shape(coordinate_rd)[:1]
+        given = given_shape(coordinate_rd)[:1]
         rows = len(self.row) if given == (len(self.row),) else n
         coordinate = finite_array("coordinate_rd", coordinate_rd, shape=(rows, d))
         affine = np.eye(d)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.calls.display import Row
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import brief, finite_array, instance, integer, one_of, real
+from packmech.check import brief, finite_array, given_shape, instance, integer, one_of, real
 from packmech.effects import Bonds, bonds_of
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.contact_forces import resting_forces
@@ -478,7 +478,7 @@ def _bounds(scene: Scene, by: str, bounds: Any, keep: str) -> tuple[NDArray[np.f
         raise TypeError(f"bounds must be the lowest and the highest numbers, got {brief(bounds)}")
     start = numbers_of(scene, by)
     low, high = (
-        np.full(start.shape, real(f"bounds[{k}]", one)) if np.ndim(one) == 0
+        np.full(start.shape, real(f"bounds[{k}]", one)) if not given_shape(one)
         else finite_array(f"bounds[{k}]", one, shape=start.shape) for k, one in enumerate(bounds)
     )  # fmt: skip
     wrong = ~((low > 0.0) & (low <= start) & (start <= high) & (high < np.inf))

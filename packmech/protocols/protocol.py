@@ -57,6 +57,8 @@ BORNE_BY_RATTLERS = 1e-2
 _LAST = (Outcome.NOT_JAMMED, Outcome.TIME_LIMIT)
 # times the pressure at overlaps of half the contact distance, beyond which none is asked for [1]
 _BEYOND = 1000.0
+# overlap over the contact distance that rounding of positions makes [1]
+_ROUNDED = 2.0**-51
 T = TypeVar("T")
 # relative error of the pressure below which it is the one asked for, whatever force balance is asked for [1]
 PRESSED = 1e-6
@@ -689,13 +691,22 @@ def follow_series(
 
 
 def check_reachable(scene: Scene, name: str, pressure: float) -> None:
-    """Refuse a pressure under which particles would lie on each other by the dozen, and no end is ever reached."""
+    """Refuse a pressure at which no end is ever reached.
+
+    Particles would lie on each other by the dozen, or overlap by less than the rounding of their positions.
+    """
     law = law_of(scene.effects)
     if law is None:
         return
     sigma, d = scene.packing.reference_diameter, scene.packing.dimension
     # 2 d contacts of half the contact distance each, as many particles as the volume holds then
     pairs = reference_partners(scene.effects, scene.packing)
+    least = min(-float(law_first(law, (1.0 - _ROUNDED) * sigma, pair)) for pair in pairs)
+    if 0.0 < pressure < 0.5 * least * sigma / scene.energy_scale:
+        raise ValueError(
+            f"{name} must be at least {0.5 * least * sigma / scene.energy_scale:.3g} under {law}, got {pressure:g}: "
+            "such overlaps are lost in the rounding of positions"
+        )
     push = max(-float(law_first(law, 0.5 * sigma, pair)) for pair in pairs)
     half = push * 0.5 * sigma * 2.0**d / scene.energy_scale
     if 0.0 < _BEYOND * half < pressure:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
-from packmech.check import brief, check_steps, instance, integer, one_of, positive, real, two_axes
+from packmech.check import brief, check_memory, check_steps, instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import bonds_of, equal_partners, is_bound, law_second, pair_second
@@ -25,6 +25,8 @@ from packmech.rheology.walls import WallModuli, wall_forces
 from packmech.scene import Scene
 
 STAGE = "oscillatory shear"
+# of larger strains rounding leaves the box too few digits to say where its images are
+_LARGEST_STRAIN = 1e12
 # overlap at which the stiffness of a contact is taken [1]
 _TOUCH = 1e-9
 # errors between periods, and a negative G' beyond so many errors, over |G*|: more is no modulus
@@ -367,7 +369,7 @@ def oscillatory_shear(
     settings = check_arguments(scene, **common)
     rate = frequency_of(settings, frequency, relative_frequency)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
-    strain = OscillatoryStrain(positive("amplitude", amplitude), rate, axes=pair)
+    strain = OscillatoryStrain(real("amplitude", amplitude, above=0.0, at_most=_LARGEST_STRAIN), rate, axes=pair)
     pre = real("pre_periods", pre_periods, at_least=0.0)
     count = positive("periods", periods)
     post = real("post_periods", post_periods, at_least=0.0)
@@ -376,9 +378,8 @@ def oscillatory_shear(
         skip = 1.0 if count >= 2.0 else 0.0
     else:
         skip = real("skip_periods", skip_periods, at_least=0.0, below=count)
-    samples = integer(
-        "samples_per_period", samples_per_period, at_least=8, bytes_each=SAMPLE_BYTES * (pre + count + post)
-    )
+    samples = integer("samples_per_period", samples_per_period, at_least=8, bytes_each=SAMPLE_BYTES)
+    check_memory("periods x samples_per_period", SAMPLE_BYTES * (pre + count + post) * samples)
     every = math.ceil(1.0 / (rate * settings.longest * samples) * (1.0 - 1e-12))
     each = every * samples
     step = 1.0 / (rate * each)

@@ -58,7 +58,7 @@ def rough_plates(packing: Packing, *, layer: str | float = "crossing", axis: int
     """
     instance("packing", packing, Packing)
     axis = integer("axis", axis, at_least=0, at_most=packing.dimension - 1)
-    if layer == "crossing":
+    if isinstance(layer, str) and layer == "crossing":
         reach = packing.radius_n
     elif isinstance(layer, str):
         raise ValueError(f"layer must be 'crossing' or a thickness, got {brief(layer)}")

@@ -35,7 +35,7 @@ from packmech.effects import (
 from packmech.files.archive import write_archive
 from packmech.files.lammps import linear_stiffness
 from packmech.files.packings import write_packing
-from packmech.files.paths import PathLike, file_name, replacing, writable_file
+from packmech.files.paths import PathLike, file_name, made_folder, replacing, writable_file
 from packmech.files.snapshot import Snapshot
 from packmech.measure.stress import energy, pressure
 from packmech.packing import Packing
@@ -134,9 +134,7 @@ def export_scene(scene: Scene, folder: PathLike, *, to: str) -> Export:
         _check_jax(parts)
     else:
         _check_lammps(parts)
-    if target.exists() and not target.is_dir():
-        raise ValueError(f"folder must be that of a folder, got the file {str(target)!r}")
-    target.mkdir(exist_ok=True)
+    made_folder("folder", target)
     write = _write_lammps if to == "lammps" else _write_jax
     script, data = write(parts, target)
     return Export(to, script, data, parts.energy, parts.pressure)

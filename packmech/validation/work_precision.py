@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.calls.display import shown
-from packmech.check import brief, clear_errors, function, integer, positive
+from packmech.check import brief, clear_errors, function, integer, one_of, positive
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
@@ -59,9 +59,8 @@ class WorkPrecision:
         """Trials of one method, of the only one unless named, from the coarsest setting (the largest) to the finest."""
         if method is None and len(self.first_seconds) == 1:
             method = self.methods[0]
-        if method not in self.first_seconds:
-            raise ValueError(f"method must be one of {list(self.methods)}, got {brief(method)}")
-        return tuple(sorted((t for t in self.trials if t.method == method), key=lambda trial: -trial.setting))
+        chosen = one_of("method", method, self.methods)
+        return tuple(sorted((t for t in self.trials if t.method == chosen), key=lambda trial: -trial.setting))
 
     def fit(self, method: str | None = None, *, quantity: str | None = None) -> OrderFit:
         """Power law and floor fitted to one method's errors; failed trials are left out.
@@ -157,9 +156,7 @@ class WorkPrecision:
         names = self.quantities
         if quantity is None:
             return names[0] if names else "error"
-        if quantity not in names:
-            raise ValueError(f"quantity must be one of {list(names)}, got {brief(quantity)}")
-        return quantity
+        return one_of("quantity", quantity, names)
 
 
 def fit_power_law(setting_t: list[float], error_t: list[float]) -> OrderFit:

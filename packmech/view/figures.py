@@ -14,7 +14,7 @@ import numpy as np
 
 from packmech.calls.status import shown_as
 from packmech.check import instance, integer, one_of
-from packmech.files.paths import file_name
+from packmech.files.paths import file_name, made_folder
 from packmech.packing import Packing
 from packmech.result import Run
 from packmech.scene import Scene
@@ -144,11 +144,11 @@ def write_pictures(
     instance("scene", scene, Scene)
     frames = integer("frames", frames, at_least=2)
     one_of("format", format, FORMATS)
-    target = file_name("folder", folder, "a folder's name")
+    file_name("folder", folder, "a folder's name")
     if run.packing.particles != scene.packing.particles:
         raise ValueError(f"scene must have the run's {run.packing.particles} particles, got {scene.packing.particles}")
     trajectory = trajectory_of_run(run, scene, frames)
-    target.mkdir(parents=True, exist_ok=True)
+    target = made_folder("folder", folder)
     picture = _RunPicture(trajectory)
     return tuple(
         picture.write(frame, target / f"frame-{k:04d}.{format}", format) for k, frame in enumerate(trajectory.frames)

@@ -18,7 +18,7 @@ from packmech.check import brief, instance, integer, real, table
 from packmech.contacts import Contacts
 from packmech.dynamics.engine import Engine
 from packmech.dynamics.pair_forces import Touching, touching_of
-from packmech.files.paths import file_name, writable_file
+from packmech.files.paths import file_name, printable, writable_file
 from packmech.packing import Packing
 from packmech.scene import Scene
 from packmech.shapes import same_but_turned
@@ -222,9 +222,10 @@ class _Writer:
         self.wide: list[PackingFrame] = []
         self.reach = (np.full(packing.dimension, np.inf), np.full(packing.dimension, -np.inf))
         self.last: PackingFrame | None = None
-        path.parent.mkdir(parents=True, exist_ok=True)
+        if printable(str(path)) != str(path):
+            raise ValueError(f"path must be a file name of whole letters, got {brief(str(path))}")
         # the writer only logs a file that it cannot open
-        writable_file("path", path)
+        writable_file("path", path, make_folder=True)
         self.stream = rr.RecordingStream("packmech")
         try:
             self.stream.save(path)

@@ -24,7 +24,7 @@ from packmech.check import instance, integer, table
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.pairs import pair_names
-from packmech.files.paths import file_name, replacing, writable_file
+from packmech.files.paths import file_name, printable, replacing, writable_file
 from packmech.files.records import is_record, to_table
 from packmech.jamming.play import PlayedMotion
 from packmech.measure.counting import packing_fraction
@@ -79,14 +79,13 @@ def opened(
     The file is made at the end, as a whole.
     """
     target = Path(path).absolute()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    writable_file("path", target)
+    writable_file("path", target, make_folder=True)
     stream = rr.RecordingStream("packmech")
     # written by packmech: Rerun logs what goes wrong as it writes a file, or waits for ever
     content = rr.binary_stream(stream)
     try:
         stream.send_blueprint(layout, make_active=False, make_default=True)
-        stream.send_recording_name(target.stem)
+        stream.send_recording_name(printable(target.stem))
         properties = properties_of(trajectory.final, trajectory.effects, parameters or {}, results)
         stream.send_property("packmech", property_values(properties))
         send_curves(stream, trajectory.curves)

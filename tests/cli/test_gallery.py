@@ -35,3 +35,9 @@ def test_a_script_runs_and_leaves_its_figure_in_the_folder_named(tmp_path, capsy
 def test_what_a_misspelled_name_may_have_meant_is_said():
     with pytest.raises(ValueError, match="did you mean 'kagome'"):
         gallery("kagom")
+
+
+def test_a_folder_that_cannot_be_made_is_named_with_the_reason(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match="out must be a folder, or one that can be made, got .*file': File exists"):
+        gallery("kagome", out=tmp_path / "file")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from packmech.files.paths import existing_file, file_name, replacing, writable_file
+from packmech.files.paths import existing_file, file_name, made_folder, replacing, writable_file
 
 
 def replace(path, text="new"):
@@ -57,6 +57,23 @@ def test_a_folder_is_no_file(tmp_path):
         existing_file("out", tmp_path / "none")
     with pytest.raises(ValueError, match="out must lie in an existing folder, got .*none"):
         writable_file("out", tmp_path / "none" / "a.npz")
+
+
+def test_a_folder_is_made_with_those_that_it_lies_in_or_the_reason_is_named(tmp_path):
+    assert made_folder("out", tmp_path / "a" / "b").is_dir()
+    (tmp_path / "file").touch()
+    for impossible, why in ((tmp_path / "file", "File exists"), (tmp_path / "file" / "a", "Not a directory")):
+        with pytest.raises(ValueError, match=f"out must be a folder, or one that can be made, got .*file.*: {why}"):
+            made_folder("out", impossible)
+    with pytest.raises(TypeError, match="out must be a folder's name, got 3"):
+        made_folder("out", 3)
+
+
+def test_a_file_may_lie_in_a_folder_that_is_made_for_it(tmp_path):
+    assert writable_file("out", tmp_path / "new" / "a.npz", make_folder=True).parent.is_dir()
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match="out must lie in an existing folder, got .*file/a.npz"):
+        writable_file("out", tmp_path / "file" / "a.npz", make_folder=True)
 
 
 def test_that_a_file_can_be_made_is_tried_and_leaves_nothing():

@@ -4,7 +4,7 @@
 
 A call is one of `arguments.good` with one or two of its arguments replaced by a hostile value, and with a time limit
 where it has one. It ends well where it returns, or raises an error that packmech itself wrote, in one short line; what
-a caller's own `progress` raises is the caller's. Anything else is a fault: an error out of a
+a caller's own `progress`, or measure of an `error`, raises is the caller's. Anything else is a fault: an error out of a
 library or of the language (a foreign one), a message without end, a call that ignores its limits of time or memory.
 Prints each fault once for each place that it comes from, with the call that shows it.
 """
@@ -281,7 +281,7 @@ def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
             return judge(shown, lambda: method(**arguments | values), also=also)
         limit = {"time_limit": TIME_LIMIT} if "time_limit" in fields_of(name, folder) else {}
         arguments = limit | good(name, folder) | values
-        also = (ZeroDivisionError,) if hostile.get("progress") == "raises" else ()
+        also = (ZeroDivisionError,) if "raises" in (hostile.get("progress"), hostile.get("error")) else ()
         return judge(shown, lambda: call(name, arguments), also=also)
 
 

@@ -43,6 +43,19 @@ def test_what_comes_after_the_last_period_does_not_count():
     assert len(found.storage_p) == 3
 
 
+def test_periods_beyond_the_last_sample_change_nothing():
+    stress = np.sin(PHASE)
+    whole = pm.demodulate(PHASE, stress, amplitude=1.0)
+    later = pm.demodulate(PHASE, stress, amplitude=1.0, periods=2.0**31)
+    assert (later.storage, later.samples) == (whole.storage, whole.samples)
+    np.testing.assert_array_equal(later.storage_p, whole.storage_p)
+
+
+def test_periods_without_samples_are_passed_over_however_many_they_are():
+    found = pm.demodulate(np.geomspace(1.0, 1e18, 50), np.ones(50), amplitude=1.0, skip_periods=0.0)
+    assert len(found.storage_p) == 0
+
+
 def test_standard_errors_cover_white_noise():
     rng = np.random.default_rng(3)
     found = [pm.demodulate(PHASE, np.sin(PHASE) + 0.3 * rng.standard_normal(601), amplitude=1.0) for _ in range(400)]

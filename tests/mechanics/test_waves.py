@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import packmech as pm
+from packmech.mechanics import waves as waves_room
 
 SPRINGS = (pm.Repulsion(),)
 
@@ -165,6 +166,36 @@ def test_many_particles_are_searched_from_below():
     wanted = np.sort(pm.waves(scene, fractions).frequency_km.ravel())[:6]
     assert few.available > 1200 and few.residual < 1e-10
     np.testing.assert_allclose(few.frequency_km[0], wanted, rtol=1e-8)
+
+
+def test_waves_of_a_square_crystal_in_hundreds_of_one_frequency_are_all_found():
+    # rows and columns move each by themselves, so that each frequency is that of 4 x 27 waves
+    square = pm.lattice_packing("square", repeats=(27, 27)).replace(mass_n=np.ones(27 * 27))
+    few = pm.waves(pm.Scene(square, SPRINGS), [[0.5, 0.5]], count=110)
+    assert few.available > 1200 and few.missed == 0
+    wanted = 2.0 * np.sin(np.pi * np.array([0.5, 1.5]) / 27.0)
+    np.testing.assert_allclose(few.frequency_km[0], np.repeat(wanted, [108, 2]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("always", [False, True])
+def test_the_lowest_waves_that_a_search_overlooks_are_looked_for_again_or_counted_as_missed(always, monkeypatch):
+    scene = rest(24, 2, 1)
+    many = scene.replace(packing=scene.packing.repeated((8, 8)))
+    wave, search = [[0.23, 0.4]], waves_room._lanczos
+    wanted = pm.waves(many, wave, count=6)
+
+    def overlooking(matrix, solve, shift, taken, count, turn):
+        found = search(matrix, solve, shift, taken, count + 2, turn)
+        order = np.argsort(np.einsum("rm,rm->m", found.conj(), matrix @ found).real)
+        return found[:, order[2:]] if always or not turn else found[:, order]
+
+    monkeypatch.setattr(waves_room, "_lanczos", overlooking)
+    found = pm.waves(many, wave, count=6)
+    if always:
+        assert found.missed == 2 and found.frequency_km[0, 0] > wanted.frequency_km[0, 1]
+    else:
+        assert found.missed == 0
+        np.testing.assert_allclose(found.frequency_km, wanted.frequency_km, rtol=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -1025,6 +1025,7 @@ CATALOGUE: list[Fault] = [
         ),
         ("what lies below is not looked for", "    while eigenvalues_below(real, shift):\n", "    while False:\n"),
         ("what Lanczos missed is not counted", "// 2 - (k + 1)", "// 2 * 0"),
+        ("waves are counted within a degenerate set", "if gap[k] <= _DEGENERATE * bound:", "if False:"),
         (
             "sound does not relax",
             "return assembled.corner_ee - found.relief_ee, found",

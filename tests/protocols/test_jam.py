@@ -407,6 +407,12 @@ def test_a_pressure_that_no_overlap_bears_is_refused(law):
         pm.jam(start(16, effects=(pm.Repulsion(law),)), pressure=1e5)
 
 
+@pytest.mark.parametrize("law", [pm.Harmonic(), pm.Hertz(2.0), pm.LinearSpring(3.0)])
+def test_a_pressure_of_overlaps_below_the_rounding_of_positions_is_refused_for_that(law):
+    with pytest.raises(ValueError, match="pressure must be at least .* got 1e-30: .* rounding of positions"):
+        pm.jam(start(16, effects=(pm.Repulsion(law),)), pressure=1e-30)
+
+
 # which way is taken depends on the last bits, and these on the machine
 @pytest.mark.parametrize(("pressure", "seed"), [(1e-7, 43), (1e-6, 46)])
 def test_a_thousand_discs_whose_first_soft_packing_is_no_balance_end_in_a_minimum(pressure, seed):

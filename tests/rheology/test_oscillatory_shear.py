@@ -162,6 +162,20 @@ def test_too_long_a_step_is_named_and_an_early_end_has_no_moduli(scene):
     assert caught.value.run.moduli is None
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"amplitude": float("inf")}, "amplitude must be a finite number above 0 and at most"),
+        ({"amplitude": 1e300}, "amplitude must be a finite number above 0 and at most"),
+        ({"periods": float("inf")}, "periods must be a finite number"),
+        ({"periods": 1e11}, "periods x samples_per_period must be so small that memory holds it"),
+    ],
+)
+def test_endless_amplitudes_and_periods_are_named(scene, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        pm.oscillatory_shear(scene, **({"amplitude": 0.1, "frequency": 0.01} | arguments))
+
+
 def test_stress_does_not_jump_where_particles_leave_the_cell(scene):
     # all drift together, across the edges of the cell again and again; drag slows them as one
     given = {"amplitude": 0.05, "frequency": 0.02, "periods": 2, "samples_per_period": 400}
