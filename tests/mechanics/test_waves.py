@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import packmech as pm
 from packmech.mechanics import waves as waves_room
@@ -175,6 +176,14 @@ def test_waves_of_a_square_crystal_in_hundreds_of_one_frequency_are_all_found():
     assert few.available > 1200 and few.missed == 0
     wanted = 2.0 * np.sin(np.pi * np.array([0.5, 1.5]) / 27.0)
     np.testing.assert_allclose(few.frequency_km[0], np.repeat(wanted, [108, 2]), rtol=1e-9)
+
+
+def test_of_waves_of_one_frequency_a_list_may_hold_some_and_none_below_may_lack():
+    # 0.1 once, 0.2 five times, and a list of some of them, as rounding leaves these
+    real = waves_room.real_form(sp.csr_array(np.diag([0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 1.0]).astype(complex)))
+    some = 0.2 + 2e-15 * np.arange(-1, 2)
+    assert waves_room._missed(real, np.array([0.1, *some]), 2, 1.0) == 0
+    assert waves_room._missed(real, some, 1, 1.0) == 1
 
 
 @pytest.mark.parametrize("always", [False, True])
