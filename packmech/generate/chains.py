@@ -718,6 +718,7 @@ def chain_packing(
         raise ValueError(
             f"link_length must be at least {_SHORTEST_LINK:g} of the largest radius {largest:g}, got {link_length:g}"
         )
+    # radii that no box can hold are refused here; the box itself follows once it is known what beads share
     box_for(radius_n, packing_fraction, shape_dd)
 
     avoid = dimension == 2 and crossing == "avoided"

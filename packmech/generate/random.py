@@ -556,7 +556,10 @@ def box_for(
     dimension = len(shape_dd)
     ball = math.pi if dimension == 2 else 4.0 * math.pi / 3.0
     with np.errstate(over="ignore", under="ignore"):
-        volume = (ball * math.fsum(radius_n**dimension) - shared) / packing_fraction
+        power_n = radius_n**dimension
+        # a sum of numbers that are finite need not be
+        whole = math.fsum(power_n) if float(power_n.sum()) < math.inf else math.inf
+        volume = (ball * whole - shared) / packing_fraction
     shape = Box(shape_dd)
     if not 0.0 < volume / shape.volume < math.inf:
         raise ValueError(

@@ -57,6 +57,11 @@ def _is_made_of(size, index, start):  # type: ignore[no-untyped-def]
     rows = start.shape[0] - 1
     if rows % size:
         return False
+    for row in range(rows):
+        for k in range(start[row] + 1, start[row + 1]):
+            # no entry stands twice
+            if index[k] <= index[k - 1]:
+                return False
     mirror = start[::size].copy()
     for row in range(0, rows, size):
         length = start[row + 1] - start[row]

@@ -145,10 +145,11 @@ class BlockSystem:
     particles, dimension
         N and d.
     backend
-        "qdldl", "rslab" (supernodal, ordered by nested dissection) or "auto": rslab in three dimensions and from
-        2000 rows on where it is installed, else qdldl. Measured, CPU milliseconds of one factorization of the pairs
-        within 1.35 diameters, qdldl and rslab: 2D N = 1024: 4.9 and 5.1; 4096: 35 and 15; 16384: 540 and 88; 3D N =
-        1024, within 1.3 diameters: 160 and 48.
+        "qdldl", "rslab" (supernodal, ordered by minimum fill in the plane up to 20000 particles, else by dissection)
+        or "auto": rslab in three dimensions and from 2000 rows on where it is installed, else qdldl. Measured, CPU
+        milliseconds of one factorization of the pairs within 1.35 diameters, qdldl and rslab: 2D N = 1024: 2.4 and
+        2.2; 4096: 30 and 12; 16384 (another machine): 540 and 88; 3D N = 1024, within 1.3 diameters: 190 and 28; of
+        the order, by minimum fill and by dissection: 2D N = 4096: 8 and 22; 16384: 37 and 107.
 
     """
 

@@ -27,8 +27,8 @@ ZERO_PIVOT = 1e-12
 # |L||D||L^T| above this multiple of |A| leaves fewer than eight digits of an indefinite factorization
 GROWTH_LIMIT = 1e8
 _DENSE_SIZE = 4000
-# rows from which on supernodes win in two dimensions too
-_LARGE = 12000
+# rows from which on supernodes win in two dimensions too: over blocks, and over single entries
+_LARGE_BLOCKS, _LARGE = 25_000, 12_000
 # rows from which on nested dissection is taken without trying other orders, which take longer than they gain
 _DISSECTED = 400_000
 _REFINEMENTS = 3
@@ -219,8 +219,9 @@ def factorize(
         (supernodal with Bunch-Kaufman pivots), or "auto": while rows are short (two dimensions) or the matrix small,
         blocks where it is made of such, qdldl where it is not; rslab otherwise. Measured, one thread, CPU milliseconds
         of a factorization: 2D N = 1024: blocks 2.0, qdldl 3.7, SuperLU 5.7, rslab 5.4; 4096: 14, 27, 34, 27; 16384:
-        119, 273, 516, 117; 3D N = 256: 2.2, 4.3, 4.5, 4.2; 512: 11.4, 23, 16, 11.1; 1024: 71, 116, 90, 30. Without
-        pivoting an indefinite matrix can lose its digits; "auto" notices by the growth and falls back to the dense one.
+        119, 273, 516 (in another run), 117; 3D N = 256: 2.2, 4.3, 4.5, 4.2; 512: 11.4, 23, 16, 11.1; 1024: 71, 116, 90,
+        30. Without pivoting an indefinite matrix can lose its digits; "auto" notices by the growth and falls back to
+        the dense one.
     like
         A factorization that is needed no more: where its matrix had entries at the same places, the order of
         elimination serves again, and it must not be used to solve from then on. Measured, CPU milliseconds of a
@@ -325,7 +326,8 @@ def _order(matrix: _Stored) -> tuple[str, ...]:
     size = len(matrix.scale)
     # long rows fill in so much that supernodes win; crossovers measured on jammed packings
     blocks = matrix.block > 1
-    full = (len(matrix.data) > 18 * size and size > (1500 if blocks else 700)) or size > _LARGE
+    short, large = (1500, _LARGE_BLOCKS) if blocks else (700, _LARGE)
+    full = (len(matrix.data) > 18 * size and size > short) or size > large
     plain = ("blocks", "qdldl", "superlu") if blocks else ("qdldl", "superlu")
     first = ("rslab", "superlu", "qdldl") if full else plain
     return (*first, "dense") if size <= _DENSE_SIZE else first

@@ -33,8 +33,8 @@ DENSE_ROWS = 1200
 _DENSE_LIMIT = 8192
 # the shift lies this far below zero, in bounds on the largest eigenvalue
 _SHIFT = 1e-6
-# eigenvalues nearer to each other than this, in the same bounds, are of one degenerate set
-_DEGENERATE = 1e-9
+# eigenvalues nearer to each other than this, in the same bounds, are of one degenerate set: to rounding
+_DEGENERATE = 1e-13
 _ROUNDS = 6
 # of one run of Lanczos: those that end take some tens
 _RESTARTS = 300

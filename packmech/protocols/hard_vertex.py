@@ -24,9 +24,10 @@ from packmech.protocols.protocol import Protocol, at_packing_fraction
 from packmech.protocols.soft import (
     FIRST_DEPTH,
     depth_asked,
+    first_soft,
     follow_pressure,
     press_large,
-    search_from_first,
+    search_down,
     search_pressure,
 )
 from packmech.result import Outcome
@@ -348,7 +349,7 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
     Parameters
     ----------
     protocol
-        The protocol; a stage is added to it.
+        The protocol; a stage is added to it, and another where balance has to be searched for.
     hard
         The hard packing.
     pressure
@@ -366,8 +367,9 @@ def press(protocol: Protocol, hard: HardPacking, pressure: float) -> tuple[Packi
         figures.residual, figures.steps, figures.force_evaluations = state.residual, state.iterations, state.iterations
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
-    if state.reached < 1.0 and large:
-        state = search_from_first(protocol, hard, goal)
-    elif state.reached < 1.0:
-        state = search_pressure(protocol, state.packing, goal)
+        # a large one goes down from where the way began sooner than on from where it ended
+        down = state.reached < 1.0 and large
+        start = first_soft(hard, units, protocol.basis_kdd, goal) if down else state.packing
+    if state.reached < 1.0:
+        state = search_down(protocol, start, goal) if down else search_pressure(protocol, start, goal)
     return protocol.restored(state.packing), judge(state, tolerance)

@@ -247,20 +247,19 @@ def press_large(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState
         figures.note = "Newton's method from the hard packing"
         protocol.last = protocol.restored(state.packing)
     sound = state.sound(protocol.force_tolerance)
-    return state if sound else search_from_first(protocol, hard, goal)
+    return state if sound else search_down(protocol, start, goal)
 
 
-def search_from_first(protocol: Protocol, hard: HardPacking, goal: float) -> SoftState:
-    """Return the soft packing that Newton's steps go down to from the first one of a large hard packing, or FIRE finds.
+def search_down(protocol: Protocol, start: Packing, goal: float) -> SoftState:
+    """Return the packing that Newton's steps go down to from the first soft one of a large packing, or FIRE finds.
 
     Parameters
     ----------
-    protocol, hard, goal
-        As in `press_large`.
+    protocol, start, goal
+        As in `search_pressure`.
 
     """
-    start = first_soft(hard, protocol.units, protocol.basis_kdd, goal)
-    downhill = round(_DOWNHILL * math.sqrt(hard.packing.particles / _LARGE))
+    downhill = round(_DOWNHILL * math.sqrt(start.particles / _LARGE))
     return search_pressure(protocol, start, goal, downhill=downhill)
 
 

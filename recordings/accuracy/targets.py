@@ -2,9 +2,9 @@
 
     python recordings/accuracy/targets.py
 
-For each scene `pm.settings_for` finds settings for a target; then other starts are run with them, and with settings
-tighter than the reference of the search. They must be within the target in nine of ten, and no cheaper settings that
-were tried may be so: of single runs those of the grid, of means over starts half as many repeats.
+For each scene `pm.settings_for` finds settings for a target; then other starts are run with them, and with time steps
+and tolerances tighter than those of the reference of the search. They must be within the target in nine of ten, and no
+cheaper settings that were tried may be so: of single runs those of the grid, of means over starts half as many repeats.
 """
 
 import csv
@@ -26,21 +26,20 @@ CASES = (
     ("spheres", "jamming_packing_fraction:1e-9 absolute", False, False),
     ("sticky-discs", "energy:1%", False, False),
 )
-# seed of the first start that no search saw, and how many means over starts
-FIRST, MEANS = 1000, 40
+# seed of the first start that no search saw, how many means over starts, and by which factors settings are made tighter
+FIRST, MEANS, FINER = 1000, 40, {"drive.dt": 0.5, "drive.force_tolerance": 0.1}
 HEADINGS = "scene,target,of,built with,met,settings,starts,share within,cheaper tried,largest share,CPU s".split(",")
 
 
 def tighter(path, value):
     """Return a setting tighter than that of a reference."""
-    factor = {"drive.dt": 0.5, "drive.force_tolerance": 0.1}.get(path)
-    return value if factor is None else factor * value
+    return FINER[path] * value if path in FINER else value
 
 
 def grid(path, value, values):
     """Return values of a setting from coarse to fine, for which they are far from that of a reference."""
     if not isinstance(value, int | float):
-        return (value, *(values - {value}))
+        return (value, *sorted(values - {value}, key=str))
     return (*sorted(values, key=lambda one: -abs(np.log(one / value))), tighter(path, value))
 
 
@@ -63,8 +62,9 @@ def shares_of_means(scene, found):
         with suppress(ValueError):
             starts = (pm.read_scene(scene, seed=seed).replace(drive=drive) for drive in drives)
             values.append([pm.run(start).to_dict()[target.figure] for start in starts])
-    errors = np.array(values)[:, 0] / np.mean(values, axis=0)[1] - 1
-    means = [errors[: len(errors) // n * n].reshape(-1, n).mean(axis=1) for n in (found.repeats, found.repeats // 2)]
+    error = np.array(values)[:, 0] / np.mean(values, axis=0)[1] - 1
+    sizes = found.repeats, (found.repeats + 1) // 2
+    means = [error[: len(error) // n * n].reshape(-1, n).mean(axis=1) for n in sizes]
     return [(float(np.mean(np.abs(one) <= target.error)), len(one)) for one in means]
 
 

@@ -104,6 +104,8 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j,
     """Add the forces of a touching pair of discs or spheres, and return their size, and 1."""
     r = math.sqrt(square)
     inverse = 1.0 / r
+    # what coincides has a direction to part along, but no distance
+    apart_x, apart_y, apart_z = dx, dy, dz
     if square == 0.0:
         dx, dy, dz = coincident_direction(i, j, len(axes))
         inverse = 1.0
@@ -120,7 +122,7 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j,
     if len(axes) == 3:
         force_nd[i, 2] += push * dz
         force_nd[j, 2] -= push * dz
-    _stretch(virial, push * dx, push * dy, push * dz, dx, dy, dz)
+    _stretch(virial, push * dx, push * dy, push * dz, apart_x, apart_y, apart_z)
     return abs(first), 1
 
 
