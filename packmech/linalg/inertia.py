@@ -108,6 +108,9 @@ def judged(exact: sp.csr_array, factor: Factorization, number: int, largest: flo
         Bound on the largest eigenvalue's size, of which rounding of the entries is a part.
 
     """
+    if factor.inertia.zero:
+        # a pivot of no sign, and nothing that could be solved
+        return CountBelow(number, np.inf, 0.0, factor.emptied(), factor.memory)
     distance = _distance(factor)
     spread = 0.0
     rng = np.random.default_rng(1)
@@ -116,8 +119,7 @@ def judged(exact: sp.csr_array, factor: Factorization, number: int, largest: flo
         with np.errstate(all="ignore"):
             spread = max(spread, _norm(factor.solve_once(exact @ vector) - vector))
     doubt = spread / _COMPONENT + (_ROUNDING * largest / distance if distance > 0.0 else np.inf)
-    if factor.inertia.zero or not np.isfinite(doubt):
-        doubt = np.inf
+    doubt = doubt if np.isfinite(doubt) else np.inf
     return CountBelow(number, doubt, distance * max(1.0 - doubt, 0.0), factor.emptied(), factor.memory)
 
 

@@ -217,6 +217,7 @@ def test_radii_are_one_for_all_or_repeat_along_each_chain_or_are_drawn():
         ({"radii": 0.5, "sizes": pm.Monodisperse()}, "radii must be left out when sizes are given"),
         ({"radii": 1e13}, r"link_length must be at least 1e-12 of the largest radius 1e\+13, got 1"),
         ({"radii": 1e200, "link_length": 1e200}, "radii must be of volumes that float64 can hold, got 1e.200"),
+        ({"radii": 1e154, "link_length": 1.5e154}, "radii must be of volumes that float64 can hold, got 1e.154"),
         ({"link_length": 1e12, "dimension": 3}, "link_length must be at most .* heights of the box, got 1e"),
         ({"form": (0, 0)}, "form must name a bead for each bead but the first .9., got 2"),
     ],

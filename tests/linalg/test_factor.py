@@ -171,6 +171,11 @@ def test_entries_without_their_mirror_images_are_left_to_those_who_read_one_tria
         factorize(matrix, backend="blocks")
 
 
+def test_entries_that_stand_twice_make_no_blocks():
+    index, start = np.array([0, 1, 1, 0, 0, 1], np.int32), np.array([0, 3, 6], np.int32)
+    assert block_size(index, start) == 0
+
+
 def test_an_empty_matrix_has_an_empty_factorization():
     factor = factorize(sp.csr_array((0, 0)))
     assert factor.inertia == Inertia(0, 0, 0)

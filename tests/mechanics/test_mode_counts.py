@@ -74,6 +74,16 @@ def test_where_a_mode_lies_at_the_frequency_the_count_says_that_it_is_uncertain(
     assert found.distance_v[0] == 0.0 and "1 of them uncertain" in repr(found)
 
 
+@pytest.mark.parametrize("repeats", [6, 12])
+def test_counts_at_a_frequency_of_many_modes_of_a_crystal_are_uncertain(repeats):
+    """A square crystal of unit masses and springs has waves of frequency 1 where k along an axis is a third of pi."""
+    crystal = pm.lattice_packing("square", repeats=(repeats, repeats))
+    scene = pm.Scene(crystal.replace(mass_n=np.ones(repeats**2)), (pm.Repulsion(),))
+    found = pm.count_modes(scene, [0.999, 1.0, 1.001])
+    assert found.certain_v.tolist() == [True, False, True]
+    assert found.count_v[2] - found.count_v[0] == 4 * repeats
+
+
 def test_unstable_modes_are_below_zero_and_slower_ones_below_minus_their_growth():
     """Rows of a pressed square crystal buckle."""
     scene = crystal("square", (5, 6), overlap=0.03)

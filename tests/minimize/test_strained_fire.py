@@ -1,4 +1,4 @@
-"""Facts about FIRE with the box: the stress that it balances is that of the packing, and its pair lists lose no pair."""
+"""Facts about FIRE with the box: the stress that it balances is that of the packing, and its lists lose no pair."""
 
 import numpy as np
 import pytest

@@ -765,7 +765,7 @@ CATALOGUE: list[Fault] = [
     *_guards(
         "packmech/linalg/inertia.py",
         ("every count is certain", "return self.doubt < 1.0", "return True"),
-        ("zero pivots do not matter", "if factor.inertia.zero or not np.isfinite(doubt):", "if False:"),
+        ("zero pivots do not matter", "if factor.inertia.zero:", "if False:"),
         ("rounding of entries does not matter", "_ROUNDING * largest / distance if distance > 0.0 else np.inf", "0.0"),
         ("what was factored is what was asked for", "spread = max(spread, _norm(", "spread = max(spread, 0.0 * _norm("),
         ("a count holds as far as it is certain to", "distance * max(1.0 - doubt, 0.0)", "1e3 * distance"),
