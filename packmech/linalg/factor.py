@@ -306,6 +306,8 @@ def _checked(matrix: Any) -> _Stored:
         raise TypeError(f"matrix must be a scipy sparse array, got {type(matrix).__name__}")
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
         raise ValueError(f"matrix must be square, got shape {matrix.shape}")
+    if matrix.dtype.kind == "c":
+        raise TypeError(f"matrix must be real, got {matrix.dtype}")
     if matrix.format not in ("csr", "csc") or not matrix.has_canonical_format:
         matrix = sp.csr_array(matrix, copy=True)
         matrix.sum_duplicates()

@@ -68,7 +68,7 @@ class CheapestSettings:
     Attributes
     ----------
     scene
-        The scene with these settings; the last that were tried where none meets the target.
+        The scene with these settings; those of the smallest errors where none meets the target.
     changes
         Its settings by path, such as {"drive.dt": 0.01}.
     repeats

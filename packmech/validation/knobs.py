@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -134,6 +135,13 @@ def given_knobs(scene: Scene, knobs: Mapping[str, Sequence[Any]]) -> tuple[Knob,
             )
         for value in values:
             set_fields(scene, {path: value})
+        if path == "drive.dt" or path.endswith("tolerance"):
+            for before, after in itertools.pairwise(values):
+                if not after <= before:
+                    raise ValueError(
+                        f"knobs[{path!r}] must go from coarse to fine, which smaller values are, got {after:g} after "
+                        f"{before:g}"
+                    )
         found.append(Knob(path, tuple(values)))
     return tuple(found)
 

@@ -231,7 +231,7 @@ class _Search:
     ) -> CheapestSettings:
         place = best
         if place is None:
-            place = max(trials, key=lambda one: (sum(one), one), default=(0,) * len(self.knobs))
+            place = min(trials, key=lambda one: self._size(trials[one]), default=(0,) * len(self.knobs))
         chosen = trials.get(place)
         changes = self._changes(place)
         return CheapestSettings(
@@ -374,7 +374,8 @@ class _Search:
     def _size(self, trial: SettingTrial) -> float:
         """Return the error of a trial over its target, the largest of all figures, in the middle of the starts."""
         errors = ((np.median(np.abs(trial.errors[one.figure])), one.error) for one in self.targets)
-        return max(float(error) / max(bound, np.finfo(float).tiny) for error, bound in errors)
+        size = max(float(error) / max(bound, np.finfo(float).tiny) for error, bound in errors)
+        return math.inf if math.isnan(size) else size
 
     def _trial(self, place: tuple[int, ...], starts: range) -> SettingTrial:
         """Return what a place costs and how far its figures are off, from as many starts as it takes to tell."""

@@ -37,9 +37,9 @@ def tighter(path, value):
 
 
 def grid(path, value, values):
-    """Return values of a setting from coarse to fine, for which they are far from that of a reference."""
+    """Return values of a setting from coarse to fine: far from that of a reference first, and it last."""
     if not isinstance(value, int | float):
-        return (value, *sorted(values - {value}, key=str))
+        return (*sorted(values - {value}, key=str), value, value)
     return (*sorted(values, key=lambda one: -abs(np.log(one / value))), tighter(path, value))
 
 

@@ -189,6 +189,7 @@ EYE = sp.eye_array(3, format="csr")
     ("call", "error", "text"),
     [
         (lambda: factorize(np.eye(3)), TypeError, "matrix must be a scipy sparse array"),
+        (lambda: factorize(1j * EYE), TypeError, "matrix must be real"),
         (lambda: factorize(sp.csr_array((3, 2))), ValueError, r"matrix must be square, got shape \(3, 2\)"),
         (
             lambda: factorize(sp.csr_array(np.diag([1.0, np.nan]))),

@@ -257,6 +257,7 @@ def test_a_figure_that_the_run_does_not_give_is_named_with_one_that_is_near(crys
     [
         ({"knobs": {"drive.tolerance": (1, 2)}}, "knobs must name fields of the drive"),
         ({"knobs": {"drive.force_tolerance": (1e-3,)}}, "must be two values at least"),
+        ({"knobs": {"drive.force_tolerance": (1e-6, 1e-1)}}, "must go from coarse to fine"),
         ({"mean": True}, "mean must be False for a scene with one start"),
         ({"seed": 1}, "seed must be left out for a scene with one start"),
         ({"knobs": {}}, "knobs must name a field"),
