@@ -9,6 +9,7 @@ import json
 import os
 import pathlib
 import signal
+import sys
 import tempfile
 from typing import NamedTuple
 
@@ -34,6 +35,15 @@ GOLDEN = pathlib.Path(__file__).parent / "golden"
 # the suite would hold 12 GB. One that holds more than this [bytes] ends between two files, and a new one goes on.
 WORKER_LIMIT = 6 * 1024**3
 _LAST_FILE = pytest.StashKey()
+
+
+@pytest.fixture(autouse=True)
+def figures_are_closed():
+    """Close what a test drew: matplotlib warns beyond twenty figures, in whichever test draws the next."""
+    yield
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:
+        pyplot.close("all")
 
 
 def _resident():

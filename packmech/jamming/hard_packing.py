@@ -25,7 +25,7 @@ from scipy.sparse.csgraph import connected_components
 from packmech.box import Box
 from packmech.contacts.elements import distance_rows
 from packmech.contacts.network import Candidates, Contacts, candidate_pairs, pair_contacts
-from packmech.contacts.overlaps import overlap_of_hard
+from packmech.contacts.overlaps import HARD, overlap_of_hard
 from packmech.jit.compiled import kernel
 from packmech.linalg.block_system import BlockSystem, Factored, extensions, gather
 from packmech.packing import Packing
@@ -467,7 +467,7 @@ def densify(
     return now
 
 
-GAP_ERROR = 1e-11
+GAP_ERROR = HARD
 FORCE_IMBALANCE = 1e-9
 _SWEEPS = 8
 _CORRECTIONS = 8
@@ -623,7 +623,7 @@ def kicked(packing: Packing, basis_kdd: NDArray[np.float64], number: int) -> Pac
 def certify(state: HardState, like: Packing, basis_kdd: NDArray[np.float64]) -> tuple[HardPacking | None, str]:
     """Return the exact hard packing that the state has come close to, or None and what is missing.
 
-    Accepted only if all contacts touch to 1e-11 and all other pairs are apart, every force is positive, and the
+    Accepted only if all contacts touch to 1e-12 and all other pairs are apart, every force is positive, and the
     forces balance to 1e-9 of their mean.
 
     Parameters

@@ -37,7 +37,7 @@ _COLUMNS = (
 )  # fmt: skip
 # part of the energy that a fall must free to be one and no exchange of contacts
 _FALL = 1e-12
-# strain within which a network that comes again is not located again
+# strain within which a network that comes again is not located again, and a fall is that of the change before it
 _PROGRESS = 1e-9
 # bytes that a strain to go to takes
 _GOAL_BYTES = 32.0
@@ -634,7 +634,9 @@ class _Shear:
             self._keep(found.after, work_between(there, found.after), goal)
 
     def _fall(self, path: StrainPath, before: Sheared, after: Sheared) -> None:
-        """Keep a fall to another equilibrium, and a row after it."""
+        """Keep a fall to another equilibrium, and a row after it; what falls at a change of contacts falls by it."""
+        if self.changes and abs(before.strain - self.changes[-1].strain_from_above) <= _PROGRESS:
+            self.changes[-1] = dataclasses.replace(self.changes[-1], falls=True)
         scene, step = self.protocol.scene, after.strain - before.strain
         ahead = before.enthalpy + step * before.slope + 0.5 * step**2 * before.curvature
         drop = ahead - after.enthalpy
