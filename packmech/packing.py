@@ -366,8 +366,8 @@ class Packing:
         """Return the links and tangential displacements that go with particles to other images."""
         try:
             position = np.asarray(changes["position_nd"], dtype=np.float64)
-        except Exception:
-            return {}  # the constructor names what is wrong
+        except Exception:  # an object that is asked for numbers may raise anything: the constructor names it
+            return {}
         box = changes.get("box", self.box)
         if position.shape != self.position_nd.shape or not isinstance(box, Box) or box.dimension != self.dimension:
             return {}

@@ -60,7 +60,7 @@ class FreeStrains(NamedTuple):
     virial
         What a pass over the forces adds up; zero between passes.
     stiffness_n
-        Room for bounds on curvatures, which nobody reads.
+        (R,) sums of contact stiffnesses that bonds and interactions add up beside the virial; not used here.
 
     """
 
