@@ -209,6 +209,13 @@ def real(
     return number
 
 
+def boolean(name: str, value: Any) -> bool:
+    """Return True or False, as it is given; TypeError for anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name} must be True or False, got {brief(value)}")
+    return bool(value)
+
+
 def positive(name: str, value: Any) -> float:
     """Return the value as a finite float above zero."""
     return real(name, value, above=0.0)
@@ -292,6 +299,8 @@ def _memory() -> float:
 
 
 def _size(number: float) -> str:
+    if math.isinf(number):
+        return "more than can be counted"
     steps = min(max(int(math.log10(max(number, 1.0))) // 3, 0), len(_UNITS) - 1)
     return f"{number / 1000.0**steps:.3g} {_UNITS[steps]}"
 

@@ -14,7 +14,7 @@ from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import declare
-from packmech.check import brief, finite_array, instance, integer, one_of, positive, real, two_axes
+from packmech.check import boolean, brief, finite_array, instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.by_shape import turns_of
 from packmech.dynamics.deformation import Driven, end_path, extend_path, strain_direction
 from packmech.dynamics.engine import SHEARED_ENOUGH, WRAP_EVERY, Engine, build_engine
@@ -468,8 +468,7 @@ class ShearBatch:
         self.scenes = scenes_of(scenes)
         first = self.scenes[0]
         self.control = one_of("control", control, tuple(CONTROLS))
-        if not isinstance(switched_friction, bool | np.bool_):
-            raise TypeError(f"switched_friction must be True or False, got {brief(switched_friction)}")
+        boolean("switched_friction", switched_friction)
         if switched_friction and not friction_of(first.effects):
             raise ValueError("switched_friction must be left out for scenes without friction")
         rough = friction_of(first.effects)

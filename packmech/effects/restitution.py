@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -25,6 +26,8 @@ from packmech.effects.repulsion import Repulsion
 _ACCURACY = 1e-11
 # overlap at the start, over the deepest one
 _CLOSED = 1e-12
+# error of the overlap by rounding, over the deepest one, beyond which no collision is followed
+_LEAST = 1e-4
 # part of the energy below which what is left counts as none
 _STOPPED = 1e-16
 # halvings of an overlap, and doublings of a time, after which there is none
@@ -43,8 +46,8 @@ def coefficient_of_restitution(
     """Return the speed at which two particles part over that at which they meet head on [1]; 0 where they do not part.
 
     The equation of motion of the pair, m dv/dt = -u' - c v with the reduced mass m, integrated to a relative error of
-    1e-11 (Dormand and Prince, order 8) from where they meet to where they part. A wall is hit as an equal particle is
-    that comes as fast, with the law and the dashpot of the wall.
+    1e-11, or to what rounding leaves of small overlaps (Dormand and Prince, order 8), from where they meet to where
+    they part. A wall is hit as an equal particle is that comes as fast, with the law and the dashpot of the wall.
 
     Parameters
     ----------
@@ -87,7 +90,17 @@ def coefficient_of_restitution(
                     f"{kinds!r}"
                 )
     partners = partners._replace(kinds=int(pair_of_kinds(low, high)))
-    return _restitution(acting, positive("speed", speed), partners, mass)
+    return _restitution(acting, _checked_speed(speed, mass), partners, mass)
+
+
+def _checked_speed(speed: Any, mass: float) -> float:
+    """Return a speed at which a reduced mass has an energy that a float64 holds to all digits."""
+    found = positive("speed", speed)
+    # the product, unlike a power, overflows without an error
+    energy = 0.5 * mass * found * found
+    if not (energy >= sys.float_info.min and found * found >= sys.float_info.min and math.isfinite(energy)):
+        raise ValueError(f"speed must be one whose energy, mass * speed^2 / 2, a float64 holds, got {found:g}")
+    return found
 
 
 def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[Partners, float]:
@@ -125,8 +138,15 @@ def _restitution(effects: tuple[Any, ...], speed: float, partners: Partners, mas
 
     parted.terminal, parted.direction = True, -1.0  # type: ignore[attr-defined]
     stopped.terminal = True  # type: ignore[attr-defined]
-    closed = max(_CLOSED, 4.0 * float(np.finfo(np.float64).eps) * sigma / deepest)
-    options = {"rtol": _ACCURACY, "atol": 1e-3 * _ACCURACY}
+    # what rounding of the distance leaves of the overlap: no integration is more accurate than the forces
+    rounding = 4.0 * float(np.finfo(np.float64).eps) * sigma / deepest
+    if rounding > _LEAST:
+        raise ValueError(
+            f"speed must be so large that rounding leaves four digits of the overlap, {deepest:.1g} at most, got "
+            f"{speed:g}"
+        )
+    closed, accuracy = max(_CLOSED, rounding), max(_ACCURACY, rounding)
+    options = {"rtol": accuracy, "atol": 1e-3 * accuracy}
     run = solve_ivp(slope, (0.0, math.inf), (closed, 1.0), "DOP853", events=(parted, stopped), **options)
     return abs(float(run.y[1, -1])) if len(run.t_events[0]) else 0.0
 
@@ -174,6 +194,7 @@ def viscoelastic_time(
     Examples
     --------
     >>> import math
+    import sys
     >>> import packmech as pm
     >>> time = pm.viscoelastic_time(pm.LinearSpring(4.0), 0.5, 0.01)
     >>> zeta = math.log(2.0) / math.hypot(math.pi, math.log(2.0))
@@ -186,14 +207,15 @@ def viscoelastic_time(
         raise TypeError(f"law must be a law such as Hertz(), got {brief(law)}")
 
     partners, mass = _pair_of(radii, masses)
-    energy = 0.5 * mass * positive("speed", speed) ** 2
+    speed = _checked_speed(speed, mass)
+    energy = 0.5 * mass * speed * speed
 
     def beyond(time: float) -> float:
         effects = (Repulsion(law), ViscoelasticDamping(time))
         return coefficient_of_restitution(effects, speed, radii=radii, masses=masses) - aim
 
     # a little of the time that a collision takes
-    return _root(beyond, 1e-3 * _overlap_of((Repulsion(law),), energy, partners) / positive("speed", speed))
+    return _root(beyond, 1e-3 * _overlap_of((Repulsion(law),), energy, partners) / speed)
 
 
 def _root(beyond: Callable[[float], float], start: float) -> float:

@@ -35,7 +35,7 @@ from packmech.box import Box
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import brief, clear_errors, instance, integer, warn
+from packmech.check import boolean, brief, clear_errors, instance, integer, warn
 from packmech.effects.laws import is_law
 from packmech.files import npz
 from packmech.files.archive import UNREADABLE
@@ -331,7 +331,7 @@ def write_trajectory(
 
     """
     target, chosen = _target(path, format)
-    _bool("drop", drop)
+    boolean("drop", drop)
     if isinstance(snapshots, Packing | Snapshot | str) or not isinstance(snapshots, Iterable):
         raise TypeError(f"snapshots must be a sequence of packings, got {brief(snapshots)}")
     if not chosen.many:
@@ -362,14 +362,9 @@ def snapshot_of(name: str, given: Any) -> Snapshot:
     return Snapshot(given)
 
 
-def _bool(name: str, value: Any) -> None:
-    if not isinstance(value, bool):
-        raise TypeError(f"{name} must be True or False, got {brief(value)}")
-
-
 def kept_of(snapshot: Snapshot, chosen: Format, shown: str, drop: bool) -> Snapshot:
     """Return what a format keeps of a snapshot; an error names what it does not, unless that is to be dropped."""
-    _bool("drop", drop)
+    boolean("drop", drop)
     if drop:
         return chosen.kept(snapshot)
     lost, parts = list(chosen.not_kept(snapshot)), list(chosen.losses(snapshot))

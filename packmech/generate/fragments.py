@@ -123,7 +123,7 @@ def cut_fragments(
         raise TypeError(f"bonds must be Bonds, got {brief(bonds)}")
     _fits(bonds, packing)
     if centers is not None:
-        centers = integer("centers", centers, at_least=0)
+        centers = integer("centers", centers, at_least=0, bytes_each=16.0)
         if lines is not None:
             raise ValueError(f"lines must be left out where centers are given, got {brief(lines)}")
     if lines is not None:

@@ -15,7 +15,7 @@ from numba.core import event
 from numba.core.errors import NumbaError
 from numba.extending import overload, register_jitable
 
-from packmech.check import brief
+from packmech.check import boolean, brief
 from packmech.jit.cache import KernelCache, record_types
 from packmech.jit.compiling import COMPILING, CompileListener
 from packmech.jit.source_key import written_name
@@ -222,8 +222,7 @@ def kernel(function: Callable[..., Any], *, contract: bool = True) -> Any:
     """
     if not inspect.isfunction(function):
         raise TypeError(f"function must be a Python function, got {brief(function)}")
-    if not isinstance(contract, bool):
-        raise TypeError(f"contract must be True or False, got {brief(contract)}")
+    boolean("contract", contract)
     return _called_from_python(_dispatcher(function, OPTIONS if contract else {**OPTIONS, "fastmath": False}))
 
 

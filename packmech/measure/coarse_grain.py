@@ -171,8 +171,11 @@ def _shape(shape: int | Sequence[int] | None, box: Box, width: float) -> tuple[i
     """Return the numbers of points along the lattice vectors, checked."""
     d = box.dimension
     if shape is None:
-        lengths = np.sqrt((box.lattice_dd**2).sum(axis=0))
-        found = tuple(int(one) for one in np.ceil(lengths / (_SPACING * width)))
+        with np.errstate(over="ignore", divide="ignore"):
+            count = np.ceil(np.sqrt((box.lattice_dd**2).sum(axis=0)) / (_SPACING * width))
+        if not math.prod(count.tolist()) <= _MOST:
+            raise ValueError(f"width must be so large that {_MOST} points are enough, got {width:g}")
+        found = tuple(int(one) for one in count)
     elif isinstance(shape, Sequence) and not isinstance(shape, str):
         if len(shape) != d:
             raise ValueError(f"shape must be {d} numbers of points, got {brief(shape)}")
@@ -252,6 +255,13 @@ def coarse_grain(
     packing = scene.packing
     n, d = packing.particles, packing.dimension
     grid = _Grid(packing.box, _shape(shape, packing.box, positive("width", width)), float(width))
+    reach = (grid.width / height for height in packing.box.height_d.tolist())
+    visits = math.prod(1.0 + 2.0 * _CUT * r * k for r, k in zip(reach, grid.shape, strict=True))
+    if not visits <= _MOST:
+        raise ValueError(
+            f"width must be so small that a particle spreads to {_MOST} points, counted again in each copy of the "
+            f"cell, got {grid.width:g}, which takes {visits:.1e}"
+        )
     velocity = np.zeros((n, d))
     if velocity_nd is not None:
         velocity = finite_array("velocity_nd", velocity_nd, shape=(n, d), what="particle")

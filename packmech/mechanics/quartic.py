@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import STRAINS, BoxStrain, finite_array, instance, one_of, real
+from packmech.check import STRAINS, BoxStrain, finite_array, given_shape, instance, one_of, real
 from packmech.contacts import Contacts
 from packmech.contacts.bead_contact import turned_arms
 from packmech.contacts.shape_contacts import ShapeContacts
@@ -273,6 +273,6 @@ def displaced(packing: Packing, displacement_nd: ArrayLike, turn_nk: ArrayLike |
     instance("packing", packing, Packing)
     moved = finite_array("displacement_nd", displacement_nd, shape=packing.position_nd.shape)
     turn = np.zeros(packing.turn_nkt.shape[:2])
-    if turn_nk is not None and np.size(turn_nk):
+    if turn_nk is not None and 0 not in given_shape(turn_nk):
         turn = finite_array("turn_nk", turn_nk, shape=turn.shape)
     return packing.moved(np.hstack([moved, turn]))

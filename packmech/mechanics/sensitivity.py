@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import brief, instance, integer, one_of
+from packmech.check import boolean, brief, instance, integer, one_of
 from packmech.contacts import Contacts
 from packmech.contacts.elements import Elements, sum_slopes
 from packmech.contacts.fused_volume import shared_volume
@@ -430,7 +430,7 @@ def _check_names(scene: Scene, of: str, to: str) -> None:
     """Refuse figures and numbers that there are not, or that the scene has none of."""
     d = scene.packing.dimension
     letters = isinstance(of, str) and len(of) in (2, 4) and set(of) <= set("xyz"[:d])
-    if of not in FIGURES and not letters:
+    if not letters and not (isinstance(of, str) and of in FIGURES):
         axes = "xyz"[:d]
         raise ValueError(
             f"of must be {', '.join(FIGURES)}, a component of the stress such as 'xy', or one of the stiffness such as "
@@ -485,7 +485,7 @@ def _check_names(scene: Scene, of: str, to: str) -> None:
 
 @shown_as("derivatives of a packing")
 @honors("repulsion kinds friction bonds links shapes", at_rest=True)
-def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity:
+def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0, one_sided: bool = False) -> Sensitivity:
     """Return the derivatives of one figure of a packing at rest by all numbers of one kind, for the price of a solve.
 
     They are those of packings that relax again in their box, with the same contacts, as one number changes:
@@ -514,6 +514,9 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity
         same volume), "mass" (of frequencies), or "applied_strain" of the box.
     mode
         The mode, counted from the lowest as in `normal_modes`.
+    one_sided
+        Take contacts that just touch, overlapping by 1e-9 or less, as contacts: the derivatives are then those of
+        changes that press them further, beside those of changes that open them. Otherwise such packings are refused.
 
     Returns
     -------
@@ -524,8 +527,8 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity
     ------
     TypeError, ValueError
         If an argument is of the wrong kind, a name is unknown, the scene is not at rest (a net force above 1e-2 of the
-        mean contact force), contacts just touch, where stiffnesses jump (but for packing fractions), or are at the
-        Coulomb limit, or the mode is degenerate.
+        mean contact force), contacts just touch, where stiffnesses jump (but for packing fractions and with
+        `one_sided`), or are at the Coulomb limit, or the mode is degenerate.
 
     Examples
     --------
@@ -550,6 +553,7 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity
     instance("scene", scene, Scene)
     _check_names(scene, of, to)
     mode = integer("mode", mode, at_least=0)
+    boolean("one_sided", one_sided)
     with single_thread():
         if of == "packing_fraction":
             return _of_packing_fraction(scene, to, start)
@@ -560,7 +564,8 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0) -> Sensitivity
                 "quench or jam it first"
             )
         rest = Rest(scene)
-        _refuse_touching(rest)
+        if not one_sided:
+            _refuse_touching(rest)
         response = _Response(rest, of, mode)
         gradient, names = _derivatives(rest, response, to)
     ends = (np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -583,7 +588,7 @@ def _refuse_touching(rest: Rest) -> None:
         raise ValueError(
             f"scene.packing must have contacts that overlap by more than {TOUCHING:g} of their contact distance, as "
             f"nothing has a derivative where they open and close, got particles {i} and {j}, which overlap by "
-            f"{float(contacts.overlap_c[c]):.2g}: compress it, or ask of='packing_fraction'"
+            f"{float(contacts.overlap_c[c]):.2g}: compress it, ask for one_sided ones, or of='packing_fraction'"
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -222,7 +223,7 @@ def _of_copies(
     if not cell.branches:
         return _nothing(bins, start)
     # frequencies of half of the waves, and the grid itself
-    check_memory("repeats", float(number.prod()) * (4.0 * cell.branches + 64.0))
+    check_memory("repeats", float(math.prod(number.tolist())) * (4.0 * cell.branches + 64.0))
     grid = Copies(tuple(number.tolist())).place_md
     # a wave and the one that runs back have the same frequencies: one of both stands for two
     place, mirror = np.arange(len(grid)), np.ravel_multi_index(tuple((-grid % number).T), tuple(number))

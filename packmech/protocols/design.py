@@ -143,7 +143,7 @@ class _Design:
         """Return a scene at rest with its figure and the derivatives of it."""
         if isinstance(self.objective, str):
             by = "bond_stiffness" if self.by == "bonds" else self.by
-            found = sensitivity(scene, self.objective, by)
+            found = sensitivity(scene, self.objective, by, one_sided=True)
             return _State(scene, found.value, found.gradient)
         value, gradient = self.objective(scene)
         shape = numbers_of(self.start, self.by).shape if self.by != "bonds" else (len(_bonds(scene)),)
@@ -450,10 +450,8 @@ def _goal(at_least: float | None, at_most: float | None) -> tuple[float, float]:
     """Return 1 where a figure is to fall and -1 where it is to rise, and how far."""
     given = {name: goal for name, goal in (("at_least", at_least), ("at_most", at_most)) if goal is not None}
     for name, goal in given.items():
-        if isinstance(goal, bool) or not isinstance(goal, int | float | np.number):
-            raise TypeError(f"{name} must be a number, got {brief(goal)}")
-        if math.isnan(goal):
-            raise ValueError(f"{name} must be a number, got nan")
+        if not (isinstance(goal, float) and math.isinf(goal)):
+            real(name, goal)
     if not given:
         raise ValueError("at_least must be given, or at_most, got neither")
     if len(given) > 1:

@@ -13,6 +13,7 @@ from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import Report, check_progress
 from packmech.check import brief
+from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.measure.signals import softening_strain, yield_strain
 from packmech.result import NotConverged
 from packmech.rheology.arguments import Several, SeveralRuns, listed, listed_numbers, run_each, runs_file
@@ -103,6 +104,8 @@ def amplitude_sweep(
         As in `oscillatory_shear`.
     samples_per_period, frames
         As in `oscillatory_shear`.
+    time_limit
+        Stop after so much CPU time for all amplitudes, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures), the stage naming the amplitude.
     checkpoint
@@ -133,10 +136,11 @@ def amplitude_sweep(
     check_progress(progress)
     # one file for all of them
     file = runs_file(common.get("checkpoint"))
+    clock = RunLoop(run_settings(time_limit=common.get("time_limit")))
 
     def run(amplitude: float) -> OscillatoryShear:
         reported = named(progress, amplitude) if callable(progress) else progress
-        given: Several = {**common, "progress": reported, "checkpoint": file}
+        given: Several = {**common, "progress": reported, "checkpoint": file, "time_limit": clock.time_left}
         made = oscillatory_shear(
             scene,
             amplitude=amplitude,

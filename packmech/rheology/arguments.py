@@ -50,6 +50,7 @@ class Several(Stepping, total=False):
     held_n: ArrayLike | None
     frames: int
     ledger: bool
+    time_limit: float | None
 
 
 class Common(Several, total=False):
@@ -57,7 +58,6 @@ class Common(Several, total=False):
 
     velocity_nd: ArrayLike | None
     spin_nk: ArrayLike | None
-    time_limit: float | None
     check: bool
 
 
@@ -75,7 +75,7 @@ def listed(arguments: type) -> Callable[[F], F]:
     >>> @listed(Several)
     ... def strained(scene, **common): ...
     >>> list(inspect.signature(strained).parameters)
-    ['scene', 'dt', 'method', 'progress', 'checkpoint', 'held_n', 'frames', 'ledger']
+    ['scene', 'dt', 'method', 'progress', 'checkpoint', 'held_n', 'frames', 'ledger', 'time_limit']
 
     """
     keyword = inspect.Parameter.KEYWORD_ONLY

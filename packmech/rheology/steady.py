@@ -303,6 +303,8 @@ def steady_shear(
     check
         Raise NotConverged at the first run that does not finish or is not steady; otherwise the place of what does not
         finish is nan in the curve, and `FlowCurve.outcome` says how it ended.
+    time_limit
+        Stop after so much CPU time for all rates, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
         Called now and then as progress(stage, figures), the stage naming the rate.
     checkpoint
@@ -313,7 +315,7 @@ def steady_shear(
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If a time step is too long or a flow is not steady and `check` is set; its `.run` holds that run.
+        If a time step is too long, a flow is not steady or time is up, and `check` is set; its `.run` holds that run.
     KeyboardInterrupt
         Passed on with `.run` set to the curve of the rates that were finished, or None.
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.calls.display import shown
-from packmech.check import brief, clear_errors, function, integer, one_of, positive
+from packmech.check import brief, clear_errors, entries, function, integer, one_of, positive
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
@@ -319,7 +319,7 @@ def work_precision(
     solvers = dict(problem) if isinstance(problem, Mapping) else {"": problem}
     _check_methods(solvers)
     setting_t = _checked_settings(settings)
-    repeats = integer("repeats", repeats, at_least=1)
+    repeats = integer("repeats", repeats, at_least=1, bytes_each=8.0)
     for name, value in (("error", error), ("progress", progress)):
         if value is not None:
             function(name, value)
@@ -362,7 +362,10 @@ def largest_difference(value: Any, reference: Any) -> float | dict[str, float]:
 
 
 def _difference(value: npt.ArrayLike, reference: npt.ArrayLike) -> float:
-    value_array, reference_array = np.asarray(value, float), np.asarray(reference, float)
+    value_array, reference_array = (
+        entries(name, one, "biuf", "numbers").astype(np.float64)
+        for name, one in (("value", value), ("reference", reference))
+    )
     if value_array.shape != reference_array.shape:
         raise ValueError(f"value must have the reference's shape {reference_array.shape}, got {value_array.shape}")
     return float(np.max(np.abs(value_array - reference_array), initial=0.0))

@@ -6,7 +6,8 @@ A call is one of `arguments.good` with one or two of its arguments replaced by a
 where it has one. It ends well where it returns, or raises an error that packmech itself wrote, in one short line; what
 a caller's own `progress`, or measure of an `error`, raises is the caller's. Anything else is a fault: an error out of a
 library or of the language (a foreign one), a message without end, a call that ignores its limits of time or memory.
-Prints each fault once for each place that it comes from, with the call that shows it.
+A call that ends its process, or that never comes back, is one, too: calls are made in a process beside that which
+counts. Prints each fault once for each place that it comes from, with the call that shows it.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import decimal
 import fnmatch
 import fractions
 import inspect
+import multiprocessing
 import os
 import resource
 import signal
@@ -25,6 +27,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Iterator
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,6 +47,8 @@ SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 1000
 TIME_LIMIT = 5.0
 # a call that waits for something uses no CPU time: so many seconds of the clock for each [1]
 PATIENCE = 10.0
+# where nothing that Python runs can stop a call, as machine code is at work, its process is ended after so long [s]
+LOST = 1.5 * PATIENCE * SECONDS
 OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, OSError)
 
 
@@ -226,25 +231,25 @@ def _is_own(error: BaseException) -> bool:
     return any(part in ("packmech", "packmech_envs") for part in Path(deepest.filename).parts)
 
 
-def judge(shown: str, act: Any, seconds: float = SECONDS, also: tuple[type, ...] = ()) -> Fault | None:
+def judge(call_text: str, act: Any, seconds: float = SECONDS, also: tuple[type, ...] = ()) -> Fault | None:
     """Make a call; return what is wrong with its end, None where nothing is."""
     _set_timers(seconds)
     began = time.process_time()
     try:
         act()
     except TooLong as error:
-        return Fault(shown, f"still at work after {seconds:g} s", _where(error))
+        return Fault(call_text, f"still at work after {seconds:g} s", _where(error))
     except BaseException as error:
         _set_timers(0.0)
         text = str(error)
         if not _is_own(error) and not isinstance(error, (*also, *_of_gymnasium())):
-            return Fault(shown, f"{type(error).__name__}: {text[:200]}", _where(error))
+            return Fault(call_text, f"{type(error).__name__}: {text[:200]}", _where(error))
         if len(text) > LETTERS:
-            return Fault(shown, f"a message of {len(text)} letters: {text[:80]}", _where(error))
+            return Fault(call_text, f"a message of {len(text)} letters: {text[:80]}", _where(error))
     finally:
         _set_timers(0.0)
     took = time.process_time() - began
-    return Fault(shown, f"took {took:.1f} s", "") if took > seconds else None
+    return Fault(call_text, f"took {took:.1f} s", "") if took > seconds else None
 
 
 def _set_timers(seconds: float) -> None:
@@ -268,9 +273,14 @@ def calls(rng: np.random.Generator, names: list[str], count: int, folder: Path) 
             yield name, {str(field): values[rng.integers(len(values))] for field in chosen}
 
 
+def shown(name: str, hostile: dict[str, str]) -> str:
+    """Return a call as it is printed."""
+    return f"{name}({', '.join(f'{field}=<{value}>' for field, value in hostile.items())})"
+
+
 def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
     """Return what is wrong with one call; `hostile` names the values by parameter."""
-    shown = f"{name}({', '.join(f'{field}=<{value}>' for field, value in hostile.items())})"
+    call_text = shown(name, hostile)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         values = {field: HOSTILE[value]() for field, value in hostile.items()}
@@ -278,17 +288,50 @@ def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
             method, arguments = METHODS[name](folder)
             # what is asked for by a key raises what Python's own containers raise
             also = (LookupError,) if name.endswith(("__getitem__", "Table.tensor")) else ()
-            return judge(shown, lambda: method(**arguments | values), also=also)
+            return judge(call_text, lambda: method(**arguments | values), also=also)
         limit = {"time_limit": TIME_LIMIT} if "time_limit" in fields_of(name, folder) else {}
         arguments = limit | good(name, folder) | values
         also = (ZeroDivisionError,) if "raises" in (hostile.get("progress"), hostile.get("error")) else ()
-        return judge(shown, lambda: call(name, arguments), also=also)
+        return judge(call_text, lambda: call(name, arguments), also=also)
 
 
 def fields_of(name: str, folder: Path) -> list[str]:
     """Return the parameters of what a name calls that can be named."""
     fields = inspect.signature(METHODS[name](folder)[0]).parameters if name in METHODS else parameters(name)
     return [one for one, field in fields.items() if field.kind not in (field.VAR_POSITIONAL, field.VAR_KEYWORD)]
+
+
+def _make(asked_for: list[tuple[str, dict[str, str]]], folder: Path, out: Connection) -> None:
+    """Make calls one after another, and send what is wrong with each; None: nothing."""
+    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
+    # where hostile names of files lead
+    os.chdir(folder)
+    for name, hostile in asked_for:
+        out.send(run(name, hostile, folder))
+
+
+def made(asked_for: list[tuple[str, dict[str, str]]], folder: Path) -> Iterator[Fault | None]:
+    """Make calls in a process beside this one, and in another one after each that ends it or never comes back."""
+    first, context = 0, multiprocessing.get_context("fork")
+    while first < len(asked_for):
+        here, there = context.Pipe(duplex=False)
+        worker = context.Process(target=_make, args=(asked_for[first:], folder, there), daemon=True)
+        worker.start()
+        there.close()
+        with here:
+            while first < len(asked_for):
+                name, hostile = asked_for[first]
+                try:
+                    found = here.recv() if here.poll(LOST) else Fault(shown(name, hostile), "never came back", name)
+                except EOFError:
+                    worker.join()
+                    found = Fault(shown(name, hostile), f"ended the process: {worker.exitcode}", name)
+                first += 1
+                yield found
+                if found is not None and found.where == name:
+                    break
+        worker.kill()
+        worker.join()
 
 
 def main() -> int:
@@ -301,32 +344,28 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="each value at each parameter, once")
     asked = parser.parse_args()
     names = [one for one in (*public(), *METHODS) if any(fnmatch.fnmatch(one, pattern) for pattern in asked.name)]
-    resource.setrlimit(resource.RLIMIT_AS, (BYTES, BYTES))
     seen: dict[tuple[str, str], int] = {}
-    made = 0
+    count = 0
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         write_files(folder)
-        # where hostile names of files lead
-        os.chdir(folder)
         asked_for = (
-            ((one, {field: value}) for one in names for field in fields_of(one, folder) for value in HOSTILE)
+            [(one, {field: value}) for one in names for field in fields_of(one, folder) for value in HOSTILE]
             if asked.all
-            else calls(np.random.default_rng(asked.seed), names, asked.calls, folder)
+            else list(calls(np.random.default_rng(asked.seed), names, asked.calls, folder))
         )
-        until = time.monotonic() + asked.seconds
-        for name, hostile in asked_for:
-            if time.monotonic() > until:
+        began = time.monotonic()
+        for count, fault in enumerate(made(asked_for, folder), 1):
+            if count % 1000 == 0:
+                print(f"{count} of {len(asked_for)} calls in {time.monotonic() - began:.0f} s", file=sys.stderr)
+            if fault is not None:
+                place = (fault.what.split(":")[0], fault.where)
+                seen[place] = seen.get(place, 0) + 1
+                if seen[place] == 1:
+                    print(f"{fault.where:28} {fault.call}: {fault.what}", flush=True)
+            if time.monotonic() - began > asked.seconds:
                 break
-            made += 1
-            fault = run(name, hostile, folder)
-            if fault is None:
-                continue
-            place = (fault.what.split(":")[0], fault.where or name)
-            seen[place] = seen.get(place, 0) + 1
-            if seen[place] == 1:
-                print(f"{fault.where:28} {fault.call}: {fault.what}", flush=True)
-    print(f"{made} calls, {sum(seen.values())} faults from {len(seen)} places")
+    print(f"{count} calls, {sum(seen.values())} faults from {len(seen)} places")
     return bool(seen)
 
 

@@ -1,11 +1,13 @@
 """What chance finds: hostile calls and damaged files end well. More of them: python tests/fuzz/calls.py, files.py."""
 
+import os
+import time
 import warnings
 
 import numpy as np
 import pytest
 from arguments import METHODS, public, write_files
-from fuzz.calls import HOSTILE, calls, fields_of, run
+from fuzz.calls import HOSTILE, Fault, calls, fields_of, made, run
 from fuzz.files import DAMAGES, damaged, originals
 from fuzz.kills import COMMANDS, killed, load, undisturbed
 
@@ -115,6 +117,21 @@ FOUND = (
     ("classify_jamming", {"tiled": "pretender"}),
     ("export_scene", {"folder": "device"}),
     ("work_precision", {"error": "raises"}),
+    ("work_precision", {"reference": "pretender"}),
+    ("design", {"at_least": "10**400"}),
+    ("classify_jamming", {"rest_tolerance": "shy"}),
+    ("coefficient_of_restitution", {"speed": "1e-200"}),
+    ("coefficient_of_restitution", {"speed": "1e-12"}),
+    ("viscoelastic_time", {"speed": "1e+308"}),
+    ("coarse_grain", {"width": "5e-324"}),
+    ("coarse_grain", {"width": "1000000.0"}),
+    ("displaced", {"turn_nk": "huge range"}),
+    ("density_of_states", {"repeats": "pair of huge"}),
+    ("sensitivity", {"of": "shy", "to": "generator"}),
+    ("cut_fragments", {"centers": "9007199254740993"}),
+    ("shear_families", {"applied_strain": "1e+308"}),
+    ("steady_shear", {"dt": "1e-12"}),
+    ("amplitude_sweep", {"dt": "1e-12"}),
 )
 
 
@@ -122,6 +139,21 @@ FOUND = (
 def test_calls_that_once_ended_badly_do_not_any_more(name, hostile, folder):
     assert set(hostile) <= set(fields_of(name, folder)) | {"start"}
     assert faults([(name, hostile)], folder) == []
+
+
+def test_calls_that_end_their_process_or_never_come_back_are_faults_and_the_rest_is_made(monkeypatch, tmp_path):
+    def one(name, hostile, folder):
+        if hostile["at"] == "end":
+            os._exit(3)
+        if hostile["at"] == "stay":
+            time.sleep(600.0)
+        return Fault("a", "b", "c") if hostile["at"] == "fault" else None
+
+    monkeypatch.setattr("fuzz.calls.run", one)
+    monkeypatch.setattr("fuzz.calls.LOST", 0.5)
+    asked = [("name", {"at": what}) for what in ("well", "end", "well", "stay", "fault", "end")]
+    ends = [one and one.what for one in made(asked, tmp_path)]
+    assert ends == [None, "ended the process: 3", None, "never came back", "b", "ended the process: 3"]
 
 
 @pytest.mark.slow

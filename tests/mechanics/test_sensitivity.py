@@ -371,6 +371,37 @@ def test_packing_fractions_of_fused_and_bonded_particles_are_refused_by_name():
         pm.sensitivity(pm.Scene(hard("isotropic"), (pm.Repulsion(), bond)), "packing_fraction", "radius")
 
 
+def test_derivatives_where_a_contact_opens_are_those_of_the_side_where_it_is_one():
+    """A change of radii at which contacts change, by bisection: the derivative by radii jumps there."""
+    scene = scene_of("discs")
+    radius = scene.packing.radius_n
+    pattern = np.linspace(-1.0, 1.0, len(radius))
+
+    @functools.cache
+    def relaxed(change):
+        there = scene.replace(packing=scene.packing.replace(radius_n=radius * (1.0 + change * pattern)))
+        there = there.replace(packing=pm.quench(there, force_tolerance=1e-13).packing)
+        return there, len(pm.find_contacts(there.packing))
+
+    def slope(change, **how):
+        return pm.sensitivity(relaxed(change)[0], "pressure", "radius", **how).gradient
+
+    low, high = 0.0, 1e-3
+    while relaxed(high)[1] == relaxed(0.0)[1]:
+        low, high = high, high + 1e-3
+    while high - low > 1e-11:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if relaxed(middle)[1] == relaxed(0.0)[1] else (low, middle)
+    closed, outward = (low, -1.0) if relaxed(low)[1] > relaxed(high)[1] else (high, 1.0)
+    with pytest.raises(ValueError, match="must have contacts that overlap by more than 1e-09.*ask for one_sided ones"):
+        slope(closed)
+    found, size = slope(closed, one_sided=True), np.abs(slope(0.0)).max()
+    # continuous on the side where the contact is one, in proportion to the distance; on the other they jump
+    for far in (1e-5, 1e-6):
+        assert np.abs(found - slope(closed + outward * far)).max() < 100.0 * far * size
+    assert np.abs(found - slope(closed - outward * 1e-6)).max() > 1e-2 * size
+
+
 def test_what_has_no_derivative_is_refused_by_name():
     crystal = pm.lattice_packing("triangular", repeats=(4, 4))
     touching = pm.Scene(crystal, (pm.Repulsion(),))

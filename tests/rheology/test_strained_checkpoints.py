@@ -142,6 +142,23 @@ def test_the_frictionless_minimum_is_found_once(scene, tmp_path, monkeypatch):
     assert [one.name for one in again.stages] == [one.name for one in whole.stages]
 
 
+def test_a_time_limit_of_several_runs_is_that_of_all_of_them(scene, tmp_path):
+    given = {"rates": [0.05, 0.1], "applied_strain": 1.0, "skip_strain": 0.2, "samples": 40}
+    curve = pm.steady_shear(scene, time_limit=1e-9, check=False, **given)
+    assert curve.outcome is pm.Outcome.TIME_LIMIT and np.isnan(curve.stress_r).all()
+    with pytest.raises(pm.NotConverged) as late:
+        pm.steady_shear(scene, time_limit=1e-9, **given)
+    assert late.value.run.outcome is pm.Outcome.TIME_LIMIT
+    given = {"amplitudes": [1e-3, 2e-3], "frequency": 0.05, "periods": 2, "checkpoint": tmp_path / "sweep.npz"}
+    with pytest.raises(pm.NotConverged) as late:
+        pm.amplitude_sweep(scene, time_limit=1e-9, **given)
+    assert late.value.run.outcome is pm.Outcome.TIME_LIMIT
+    # what was reached is in the file, and goes on
+    whole = pm.amplitude_sweep(scene, time_limit=1e9, **given)
+    given["checkpoint"] = None
+    np.testing.assert_array_equal(whole.storage_a, pm.amplitude_sweep(scene, **given).storage_a)
+
+
 def test_a_run_out_of_time_goes_on_with_the_same_bits(scene, tmp_path):
     call, given = CALLS["sine"]
     early = call(scene, time_limit=1e-9, check=False, checkpoint=tmp_path / "run.npz", **given)

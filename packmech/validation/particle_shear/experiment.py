@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech import check
 from packmech.calls.display import shown
-from packmech.check import brief
 from packmech.observables import Table, make_table
 from packmech.validation.particle_shear.material import (
     Material,
@@ -308,8 +307,7 @@ class ParticleShear:
         slope = check.real("plateau_slope", self.plateau_slope, at_least=0.0, at_most=1.0)
         for name, value in (("plateau_begin", begin), ("plateau_end", end), ("plateau_slope", slope)):
             object.__setattr__(self, name, value)
-        if not isinstance(self.keep_viscosity, bool):
-            raise TypeError(f"keep_viscosity must be True or False, got {brief(self.keep_viscosity)}")
+        check.boolean("keep_viscosity", self.keep_viscosity)
 
     @functools.cached_property
     def mass(self) -> float:

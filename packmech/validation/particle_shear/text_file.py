@@ -215,8 +215,7 @@ def write_text(
     """
     check.instance("run", run, ParticleShearRun)
     how = _preparation(run.start, preparation)
-    if not isinstance(tensors, bool):
-        raise TypeError(f"tensors must be True or False, got {brief(tensors)}")
+    check.boolean("tensors", tensors)
     place = pathlib.Path(folder)
     if not place.is_dir():
         raise NotADirectoryError(f"folder must be an existing folder, got {place}")
