@@ -339,12 +339,16 @@ def find_pairs(axes, row, sizes, frame, scale, skin):
     largest = _images(axes, sizes, frame, scale, skin, spread)
     n1 = 2 * largest[1] + 1
     n2 = 2 * largest[2] + 1
-    table = (2 * largest[0] + 1) * n1 * n2
+    # in floating point, which holds products of any size
+    images = 1.0
+    for k in range(3):
+        images *= 2.0 * largest[k] + 1.0 if largest[k] >= 0 else np.inf
     bits = 0
-    while (1 << bits) < table:
+    while (1 << bits) < images and bits <= 24:
         bits += 1
     if bits > 24 or (n << bits) > (1 << 32):
         raise ValueError("packing must not reach over so many periodic images: the box is too small for its particles")
+    table = (2 * largest[0] + 1) * n1 * n2
     image = np.empty((table, 3))
     for k in range(table):
         image[k, 0] = k // (n1 * n2) - largest[0]
