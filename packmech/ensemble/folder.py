@@ -241,7 +241,7 @@ def _read(path: Path) -> dict[str, Any] | None:
         found = json.loads(path.read_bytes())
     except (FileNotFoundError, ValueError):
         return None
-    whole = isinstance(found, dict) and found.get(SEAL, _seal(found)) == _seal(found)
+    whole = isinstance(found, dict) and found.get(SEAL) == _seal(found)
     return found if whole else None
 
 
@@ -249,6 +249,11 @@ def _seal(table: Mapping[str, Any]) -> str:
     """Return the hash of what a file of JSON holds, but for the seal itself."""
     held = {name: value for name, value in table.items() if name != SEAL}
     return hashlib.sha256(json.dumps(held, sort_keys=True).encode()).hexdigest()
+
+
+def _sealed(table: Mapping[str, Any]) -> str:
+    """Return the text of a file of JSON that says itself whether it is whole."""
+    return json.dumps({**table, SEAL: _seal(table)})
 
 
 @contextmanager
@@ -300,7 +305,7 @@ def write_outcome(folder: Path, member: Member, outcome: MemberOutcome) -> None:
             "seconds": outcome.seconds,
             "values": outcome.values,
         }
-        _write(path / RESULT, json.dumps(result | {SEAL: _seal(result)}))
+        _write(path / RESULT, _sealed(result))
         for name in (FAILURE, CHECKPOINT):
             (path / name).unlink(missing_ok=True)
 
@@ -308,7 +313,7 @@ def write_outcome(folder: Path, member: Member, outcome: MemberOutcome) -> None:
 def write_failure(folder: Path, member: Member, failure: Mapping[str, Any]) -> None:
     """Move into place why a member has no result."""
     with _stored(folder):
-        _write(folder / WORKSPACE / member.id / FAILURE, json.dumps(failure))
+        _write(folder / WORKSPACE / member.id / FAILURE, _sealed(failure))
 
 
 def remove_leftovers(folder: Path, member: Member, *, checkpoint: bool) -> None:

@@ -154,7 +154,7 @@ def check_arguments(
         method,
         *start,
         choose_time_step(scene, method.fraction) if dt is None else positive("dt", dt),
-        integer("frames", frames, at_least=0),
+        integer("frames", frames, at_least=0, bytes_each=24.0),
         RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check)),
         runs_file(checkpoint),
         ledger,

@@ -142,7 +142,7 @@ def write_pictures(
     """
     instance("run", run, Run)
     instance("scene", scene, Scene)
-    frames = integer("frames", frames, at_least=2)
+    frames = integer("frames", frames, at_least=2, bytes_each=24.0)
     one_of("format", format, FORMATS)
     file_name("folder", folder, "a folder's name")
     if run.packing.particles != scene.packing.particles:

@@ -130,6 +130,7 @@ FOUND = (
     ("sensitivity", {"of": "shy", "to": "generator"}),
     ("cut_fragments", {"centers": "9007199254740993"}),
     ("shear_families", {"applied_strain": "1e+308"}),
+    ("oscillatory_shear", {"frames": "9007199254740993"}),
     ("anneal_shape", {"aspects": "pair of huge"}),
     ("steady_shear", {"dt": "1e-12"}),
     ("amplitude_sweep", {"dt": "1e-12"}),
