@@ -660,6 +660,7 @@ BAD = {
     "to": CHOICE,
     "sensitivity.mode": [-1, 1.5, "2", None, True],
     "one_sided": SWITCH,
+    "displaced_rest.pressure": [*POSITIVE, 7.0],
     "objective": [*CHOICE, lambda scene: (NAN, np.zeros(3))],
     "design.by": CHOICE,
     "at_least": [NAN, "1", None, True, [1.0], 10**400],

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, instance, integer, one_of, positive
+from packmech.check import BoxStrain, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts
 from packmech.contacts.exact_gaps import ExactPairs
 from packmech.contacts.network import Candidates, candidate_pairs, pair_contacts
@@ -26,6 +26,8 @@ from packmech.scene import Scene
 
 # pairs whose gaps in the reference are below so many mean overlaps may come to bear
 _REACH = 100.0
+# pressure in units of the energy scale above which that reaches beyond the next neighbors [1]
+_HIGHEST = 0.01
 # stiffness of a contact that is open, and of every particle, in the matrix of a step, over the smallest that bears
 _OPEN, _HOLD = 1e-9, 1e-12
 # balance that is enough at a pressure on the way [1]
@@ -226,7 +228,7 @@ def displaced_rest(
         contacts are lost, up to a thousand times above: displacements round by 1e-16 of the overlaps there, which are
         a thousand of those at the end, and 1024 discs balance to 3e-11 then.
     pressure
-        Pressure at the end [energy_scale / diameter^d].
+        Pressure at the end, at most .01 [energy_scale / diameter^d].
     strain
         "isotropic": the box keeps its shape; "free": all strains relax. As the packing was jammed.
     force_tolerance
@@ -254,7 +256,10 @@ def displaced_rest(
 
     """
     instance("scene", scene, Scene)
-    goal, tolerance = positive("pressure", pressure), positive("force_tolerance", force_tolerance)
+    goal, tolerance = (
+        real("pressure", pressure, above=0.0, at_most=_HIGHEST),
+        positive("force_tolerance", force_tolerance),
+    )
     one_of("strain", strain, ("isotropic", "free"))
     limit = integer("step_limit", step_limit, at_least=0)
     instance("check", check, bool)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import ANY_LENGTH, honors
-from packmech.check import brief, finite_array, instance, integer
+from packmech.check import brief, entries, finite_array, instance, integer
 from packmech.contacts import Contacts
 from packmech.contacts.shape_contacts import ShapeContacts, touching_pairs
 from packmech.effects import acts, bonds_of
@@ -108,7 +108,7 @@ def _size(size: Any) -> tuple[int, int]:
 
 
 def _booleans(name: str, value: ArrayLike, count: int) -> NDArray[np.bool_]:
-    marks = np.asarray(value)
+    marks = entries(name, value, "b", "booleans")
     if marks.dtype != bool or marks.shape != (count,):
         raise ValueError(f"{name} must be {count} booleans, got {marks.dtype} of shape {marks.shape}")
     return marks

@@ -43,12 +43,14 @@ import packmech as pm  # noqa: E402
 
 # what a call on a handful of particles may take, with its code compiled [CPU s], and what it may say
 SECONDS, BYTES, LETTERS = 20.0, 6 << 30, 1000
+# and so many times as long where it is given a long array
+MANY = 5.0
 # where a call has a time limit, it is asked to keep this one [CPU s]
 TIME_LIMIT = 5.0
 # a call that waits for something uses no CPU time: so many seconds of the clock for each [1]
 PATIENCE = 10.0
 # where nothing that Python runs can stop a call, as machine code is at work, its process is ended after so long [s]
-LOST = 1.5 * PATIENCE * SECONDS
+LOST = 1.5 * PATIENCE * SECONDS * MANY
 OWN_ERRORS = (TypeError, ValueError, pm.NotConverged, OSError)
 
 
@@ -291,8 +293,10 @@ def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
             return judge(call_text, lambda: method(**arguments | values), also=also)
         limit = {"time_limit": TIME_LIMIT} if "time_limit" in fields_of(name, folder) else {}
         arguments = limit | good(name, folder) | values
+        # an array of 200,000 numbers asks for as many answers
+        seconds = SECONDS * (MANY if "long" in hostile.values() else 1.0)
         also = (ZeroDivisionError,) if "raises" in (hostile.get("progress"), hostile.get("error")) else ()
-        return judge(call_text, lambda: call(name, arguments), also=also)
+        return judge(call_text, lambda: call(name, arguments), seconds, also)
 
 
 def fields_of(name: str, folder: Path) -> list[str]:

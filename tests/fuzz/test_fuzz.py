@@ -131,6 +131,8 @@ FOUND = (
     ("cut_fragments", {"centers": "9007199254740993"}),
     ("shear_families", {"applied_strain": "1e+308"}),
     ("oscillatory_shear", {"frames": "9007199254740993"}),
+    ("draw_frame", {"rattler_n": "pretender"}),
+    ("displaced_rest", {"pressure": "7"}),
     ("anneal_shape", {"aspects": "pair of huge"}),
     ("steady_shear", {"dt": "1e-12"}),
     ("amplitude_sweep", {"dt": "1e-12"}),
