@@ -117,6 +117,14 @@ def contacts_of_another():
     return pm.find_contacts(pm.lattice_packing("kagome", repeats=(3, 3)), gap_tolerance=1e-9)
 
 
+def stopped_run(folder):
+    """Return the path of the checkpoint of a short run, written anew: a run that was resumed writes it, too."""
+    path = folder / "run.npz"
+    path.unlink(missing_ok=True)
+    pm.simulate(scene(), steps=2, checkpoint=path)
+    return path
+
+
 def good(name, folder):
     """Return arguments with which the public function or record works."""
     ones = {
@@ -329,7 +337,7 @@ def good(name, folder):
         },
         "write_table": lambda: {"subject": traced(), "path": folder / "b.csv"},
         "read_table": lambda: {"path": folder / "a.csv"},
-        "resume": lambda: {"path": folder / "run.npz", "scene": scene()},
+        "resume": lambda: {"path": stopped_run(folder), "scene": scene()},
         "draw_frame": lambda: {"packing": touching(), "contacts": pm.find_contacts(touching()), "size": (40, 30)},
         "Recording": lambda: {"path": folder / "steps.rrd", "scene": scene()},
         "record_packing": lambda: {"subject": touching(), "path": folder / "a.rrd"},
@@ -522,6 +530,6 @@ def write_files(folder):
     """Write into a folder what `good` reads."""
     pm.write_packing(touching(), folder / "a.npz", law=pm.Harmonic())
     (folder / "a.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
-    pm.simulate(scene(), steps=2, checkpoint=folder / "run.npz")
+    stopped_run(folder)
     pm.write_table(traced(), folder / "a.csv")
     pm.run_ensemble("calendar:leapdays", {"y1": 2000, "y2": 2010}, folder / "ensemble", workers=1)

@@ -284,7 +284,7 @@ def shear_families(
         if not min(0.0, end) <= one <= max(0.0, end):
             raise ValueError(f"keep[{k}] must lie between 0 and applied_strain, got {one}")
     small = positive("pressure", pressure)
-    check_memory("applied_strain / step", 8.0 * (abs(end) / size))
+    check_memory("applied_strain / step", 40.0 * (abs(end) / size))
     loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
     began = time.process_time()
     with single_thread():
