@@ -764,7 +764,9 @@ class Beads(_Framed):
         size = positive_array("size_b", self.size_b, shape=(len(offset),), what="bead")
         start = integer_array("start_n", self.start_n, shape=(None,))
         if not len(start) or start[0] != 0 or start[-1] != len(size) or (np.diff(start) < 1).any():
-            raise ValueError(f"start_n must grow from 0 to the number of beads ({len(size)}), got {start.tolist()}")
+            raise ValueError(
+                f"start_n must grow from 0 to the number of beads ({len(size)}), got {brief(start.tolist())}"
+            )
         n = len(start) - 1
         gyration = positive_array("gyration_nk", self.gyration_nk, shape=(n, 1 if d == 2 else 3))
         orientation = finite_array("orientation_nq", self.orientation_nq, shape=(n, 2 if d == 2 else 4))

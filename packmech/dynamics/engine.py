@@ -1068,4 +1068,5 @@ def _steps_between_wraps(profile: Any, direction_dd: NDArray[np.float64] | None,
     if rate is None:
         rate = getattr(profile, "amplitude", 0.0) * getattr(profile, "angular_frequency", 0.0)
     fastest = abs(float(rate)) * float(np.linalg.norm(direction_dd, 2)) * dt
-    return max(1, min(WRAP_EVERY, int(math.floor(SHEARED_ENOUGH / fastest)))) if fastest > 0.0 else WRAP_EVERY
+    # a rate that is almost none would overflow the quotient
+    return WRAP_EVERY if WRAP_EVERY * fastest <= SHEARED_ENOUGH else max(1, math.floor(SHEARED_ENOUGH / fastest))

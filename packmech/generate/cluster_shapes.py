@@ -271,7 +271,7 @@ def _pairs(links: ArrayLike, beads: int) -> NDArray[np.int64]:
     given = finite_array("links", links, shape=(None, 2), what="link")
     pairs = np.sort(np.rint(given).astype(np.int64), axis=1)
     if (np.sort(given, axis=1) != pairs).any() or pairs.min() < 0 or pairs.max() >= beads:
-        raise ValueError(f"links must be pairs of whole numbers from 0 to {beads - 1}, got {given.tolist()}")
+        raise ValueError(f"links must be pairs of whole numbers from 0 to {beads - 1}, got {brief(given.tolist())}")
     if (pairs[:, 0] == pairs[:, 1]).any():
         raise ValueError(f"links must join two beads, got {pairs[pairs[:, 0] == pairs[:, 1]][0].tolist()}")
     unique, count = np.unique(pairs, axis=0, return_counts=True)

@@ -386,7 +386,7 @@ def _checked_settings(settings: Sequence[float]) -> tuple[float, ...]:
     if not setting_t:
         raise ValueError("settings must have at least one value, got none")
     if len(set(setting_t)) < len(setting_t):
-        raise ValueError(f"settings must be different from one another, got {setting_t}")
+        raise ValueError(f"settings must be different from one another, got {brief(setting_t)}")
     return setting_t
 
 

@@ -133,6 +133,8 @@ FOUND = (
     ("oscillatory_shear", {"frames": "9007199254740993"}),
     ("draw_frame", {"rattler_n": "pretender"}),
     ("displaced_rest", {"pressure": "7"}),
+    ("creep", {"inertia": "1e+308"}),
+    ("work_precision", {"settings": "long"}),
     ("anneal_shape", {"aspects": "pair of huge"}),
     ("steady_shear", {"dt": "1e-12"}),
     ("amplitude_sweep", {"dt": "1e-12"}),
