@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.display import shown
-from packmech.check import finite_array, integer_array, positive_array
+from packmech.check import brief, finite_array, integer_array, positive_array
 
 # a director this near to unit length is one already, so that those of a file stay as they are
 _UNIT = 4.0 * float(np.finfo(float).eps)
