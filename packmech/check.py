@@ -28,8 +28,8 @@ _LARGEST = 2**63 - 1
 LARGEST_FLOAT = sys.float_info.max
 # bytes that a particle takes at least while something is done with it: coordinates, radii, its share of a pair list
 PARTICLE_BYTES = 200.0
-# more steps than whole numbers that a float64 tells apart
-MOST_STEPS = 2.0**53
+# steps of time that take months, however few the particles
+MOST_STEPS = 1e13
 Word = TypeVar("Word", bound=str)
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -272,14 +272,14 @@ def check_memory(name: str, bytes_needed: float) -> None:
 
 
 def check_steps(name: str, duration: float, dt: float) -> None:
-    """Refuse a duration that takes more steps of time than can be counted.
+    """Refuse a duration that takes more steps of time than anybody waits for.
 
     Examples
     --------
     >>> check_steps("applied_strain / rate", 1e300, 0.1)
     Traceback (most recent call last):
     ...
-    ValueError: applied_strain / rate must be at most 9e+15 steps of 0.1, got 1e+300
+    ValueError: applied_strain / rate must be at most 1e+13 steps of 0.1, got 1e+300
 
     """
     if not duration / dt <= MOST_STEPS:

@@ -76,8 +76,9 @@ def checked_pair(name: str, pair: Any) -> tuple[int, int]:
     """Return two kinds, the smaller one first."""
     try:
         a, b = pair
-        whole = all(isinstance(one, int | np.integer) and not isinstance(one, bool) and one >= 0 for one in pair)
-    except (TypeError, ValueError):
+        whole = all(isinstance(one, int | np.integer) and not isinstance(one, bool) and one >= 0 for one in (a, b))
+    # whatever an object raises that is asked for its entries, it is no pair
+    except Exception:
         whole = False
     if not whole:
         raise TypeError(f"{name} must name pairs of kinds such as (0, 1), got {brief(pair)}")

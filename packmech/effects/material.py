@@ -8,6 +8,7 @@ per m; stiffnesses and stresses are then in Pa, dashpots in Pa s, forces in 1e-6
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from typing import Any
 
@@ -174,10 +175,16 @@ def material_constants(
     """
     stiffness = contact_stiffness(young_modulus, poisson_ratio=poisson_ratio)
     count = integer("particles", particles, at_least=1)
-    area = positive("packing_fraction", packing_fraction) * positive("side", side) ** 2 / count
+    length = positive("side", side)
+    area = positive("packing_fraction", packing_fraction) * length * length / count
     ratio = real("size_ratio", size_ratio, at_least=1.0)
     heavy = positive("density", density) * _PER_SQUARE_UM
     mass = heavy * area
+    for name, one in (("side", area), ("density", mass), ("young_modulus", mass / stiffness)):
+        if not sys.float_info.min <= one < math.inf:
+            raise ValueError(
+                f"{name} must be such that area, mass and time of a particle are normal numbers, got {one:g}"
+            )
     time = math.sqrt(mass / stiffness)
     damping = real("relative_viscosity", relative_viscosity, at_least=0.0) * stiffness * time
     across = real("tangential_ratio", tangential_ratio, at_least=0.0)

@@ -71,8 +71,7 @@ def read_targets(target: Any) -> tuple[Target, ...]:
             raise TypeError(
                 f'target must be a text such as "storage_modulus:1%", or errors by figure, got {brief(target)}'
             )
-        parts = [text.split(",") if isinstance(text, str) else [text] for text in texts]
-        found = [_target_of(part) for several in parts for part in several]
+        found = [_target_of(part) for text in texts for part in (text.split(",") if isinstance(text, str) else [text])]
     if not found:
         raise ValueError("target must name a figure at least, got none")
     names = [one.figure for one in found]

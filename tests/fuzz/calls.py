@@ -4,7 +4,7 @@
 
 A call is one of `arguments.good` with one or two of its arguments replaced by a hostile value, and with a time limit
 where it has one. It ends well where it returns, or raises an error that packmech itself wrote, in one short line; what
-a caller's own `progress`, or measure of an `error`, raises is the caller's. Anything else is a fault: an error out of a
+a caller's own function raises is the caller's. Anything else is a fault: an error out of a
 library or of the language (a foreign one), a message without end, a call that ignores its limits of time or memory.
 A call that ends its process, or that never comes back, is one, too: calls are made in a process beside that which
 counts. Prints each fault once for each place that it comes from, with the call that shows it.
@@ -295,7 +295,7 @@ def run(name: str, hostile: dict[str, str], folder: Path) -> Fault | None:
         arguments = limit | good(name, folder) | values
         # an array of 200,000 numbers asks for as many answers
         seconds = SECONDS * (MANY if "long" in hostile.values() else 1.0)
-        also = (ZeroDivisionError,) if "raises" in (hostile.get("progress"), hostile.get("error")) else ()
+        also = (ZeroDivisionError,) if "raises" in hostile.values() else ()
         return judge(call_text, lambda: call(name, arguments), seconds, also)
 
 
