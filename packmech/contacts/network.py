@@ -161,9 +161,11 @@ class Contacts:
     @property
     def curvature_cxx(self) -> NDArray[np.float64]:
         """The (C, d, d) second derivatives of the distances, (1 - n n) / r; zero where centers coincide [1/length]."""
-        n, inverse = self.normal_cd, np.zeros(len(self))
+        # with the pairs along the last axis: products over short rows take twice as long
+        n, inverse = np.ascontiguousarray(self.normal_cd.T), np.zeros(len(self))
         np.divide(1.0, self.distance_c, out=inverse, where=self.distance_c > 0.0)
-        return np.asarray((np.eye(self.dimension) - n[:, :, None] * n[:, None, :]) * inverse[:, None, None])
+        curvature = (np.eye(self.dimension)[:, :, None] - n[:, None] * n) * inverse
+        return np.ascontiguousarray(curvature.transpose(2, 0, 1))
 
     @property
     def shapes(self) -> Discs:
@@ -226,15 +228,17 @@ class Contacts:
     def select(self, keep_c: ArrayLike) -> Contacts:
         """Return the contacts that a boolean mask or an index array names, in their order."""
         keep = chosen_rows("keep_c", keep_c, len(self))
+        # by numbers: of an array with columns a mask takes its rows at a tenth of the speed
+        row = np.flatnonzero(keep) if keep.dtype == bool else keep
         return Contacts(
-            self.i_c[keep],
-            self.j_c[keep],
-            self.image_cd[keep],
-            self.normal_cd[keep],
-            self.distance_c[keep],
-            self.contact_distance_c[keep],
-            self.effective_radius_c[keep],
-            self.kinds_c[keep],
+            self.i_c[row],
+            self.j_c[row],
+            self.image_cd.take(row, axis=0),
+            self.normal_cd.take(row, axis=0),
+            self.distance_c[row],
+            self.contact_distance_c[row],
+            self.effective_radius_c[row],
+            self.kinds_c[row],
             self.particles,
             self.dimension,
         )

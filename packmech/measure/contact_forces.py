@@ -516,14 +516,27 @@ def contact_forces(scene: Scene) -> ContactForces:
     return resting_forces(scene)
 
 
-def resting_forces(scene: Scene, *, second: bool = False) -> ContactForces:
+def resting_forces(
+    scene: Scene, *, second: bool = False, near: Contacts | ShapeContacts | None = None
+) -> ContactForces:
     """Return the forces of all touching pairs of a scene, whatever else it holds (`contact_forces`).
 
-    `second` asks for the curvatures of their distances, too.
+    Parameters
+    ----------
+    scene
+        The scene.
+    second
+        Whether the curvatures of their distances are asked for, too.
+    near
+        Pairs that push something, all that touch among them; None: they are searched for.
+
     """
     instance("scene", scene, Scene)
     refuse_unknown_to_shapes(scene)
-    contacts = acting_contacts(touching_pairs(scene.packing, second=second), scene.effects)
+    if near is None:
+        contacts = acting_contacts(touching_pairs(scene.packing, second=second), scene.effects)
+    else:
+        contacts = near.select(near.gap_c <= 0.0)
     terms = contact_terms(scene.effects, contacts)
     # 0 - u', so that a contact without a force has 0 and not -0
     normal = 0.0 - terms.first_c * contacts.push_c
@@ -551,9 +564,11 @@ def single_push(scene: Scene) -> SinglePush:
         shaped = shaped_terms(scene.effects, packing)
         return SinglePush(-shaped.slope_nx[:, :d], -shaped.slope_nx[:, d:], shaped, 0.0)
     terms, sides = single_terms(scene.effects, packing), wall_sides(scene.effects, packing)
+    force, torque = np.zeros_like(packing.position_nd), np.zeros((packing.particles, 1 if d == 2 else 3))
+    if not sides:
+        return SinglePush(terms.force_nd, torque, terms, 0.0)
     across = wall_springs(packing, sides)
     particle = particles_at_walls(sides)
-    force, torque = np.zeros_like(packing.position_nd), np.zeros((packing.particles, 1 if d == 2 else 3))
     np.add.at(force, particle, across.force_wd)
     np.add.at(torque, particle, across.torque_wk)
     return SinglePush(terms.force_nd + force, torque, terms, float(across.energy_w.sum()))

@@ -106,13 +106,14 @@ def rattlers_among(
     if pressed:
         return np.asarray(np.bincount(cluster, held)[cluster] == 0)
     ends = join_ends([ends_of(contacts) if rough is None else rough, walls, pulls])
-    # a cluster's contact with its own image holds it, one within it does not
-    inside = (cluster[contacts.i_c] == cluster[contacts.j_c]) & (
-        contacts.image_cd == offset[contacts.j_c] - offset[contacts.i_c]
-    ).all(axis=1)
-    between = ~np.concatenate([inside, inside, np.zeros(len(walls.body_e) + len(pulls.body_e), dtype=bool)])
-    body, other, push, side = (part[between] for part in ends)
-    ends = Ends(cluster[body], np.where(other < 0, -1, cluster[other]), push, side)
+    if links:
+        # a cluster's contact with its own image holds it, one within it does not
+        inside = (cluster[contacts.i_c] == cluster[contacts.j_c]) & (
+            contacts.image_cd == offset[contacts.j_c] - offset[contacts.i_c]
+        ).all(axis=1)
+        between = ~np.concatenate([inside, inside, np.zeros(len(walls.body_e) + len(pulls.body_e), dtype=bool)])
+        body, other, push, side = (part[between] for part in ends)
+        ends = Ends(cluster[body], np.where(other < 0, -1, cluster[other]), push, side)
     bodies = int(cluster.max()) + 1
     turns_b = np.zeros(bodies, dtype=bool)
     turns_b[cluster] = turns
@@ -122,14 +123,22 @@ def rattlers_among(
     return rattling_bodies(ends, turns_b, d, friction=friction, groups=groups, held_b=held_b)[cluster]
 
 
+def _no_ends(width: int) -> Ends:
+    """Return no ends, whose rows have so many numbers."""
+    none = np.zeros(0, np.int64)
+    return Ends(none, none, np.zeros((0, width)), np.zeros((0, 0, width)))
+
+
 def _interaction_ends(packing: Packing, effects: tuple[Any, ...], cluster_n: NDArray[np.int64]) -> Ends:
     """Return the ends of interactions, which hold particles both ways: by distances, and directions by alignments.
 
     Those within a cluster hold nothing.
     """
-    found, turn = find_interactions(packing, effects), packing.turn_nkt
+    found, turn, d = find_interactions(packing, effects), packing.turn_nkt, packing.dimension
+    if not len(found):
+        return _no_ends(d + turn.shape[1])
     found = found.select(cluster_n[found.pairs.i_c] != cluster_n[found.pairs.j_c])
-    i, j, d = found.pairs.i_c, found.pairs.j_c, packing.dimension
+    i, j = found.pairs.i_c, found.pairs.j_c
     rows = [end_slopes(i, j, found.slope_ckx[:, k], turn, d) for k in range(2 if turn.size else 1)]
     slope = np.concatenate([one.reshape(-1, d + turn.shape[1]) for one in rows])
     times = len(slope) // max(2 * len(i), 1)
@@ -144,8 +153,7 @@ def _wall_ends(packing: Packing, effects: tuple[Any, ...], friction: float, turn
     Rows of rough walls are as long as their coefficients are over that which rows are made for.
     """
     d, turn = packing.dimension, packing.turn_nkt
-    none = np.zeros(0, np.int64)
-    found = [Ends(none, none, np.zeros((0, d + turn.shape[1])), np.zeros((0, 0, d + turn.shape[1])))]
+    found = [_no_ends(d + turn.shape[1])]
     for one in wall_sides(effects, packing):
         wall, touches = one.wall, one.touches
         n, slope = touches.particle_w, touches.slope_wx

@@ -259,12 +259,12 @@ class Assembled:
 
     def column(self, free_f: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the (F, s) derivatives of the slopes along the free coordinates by strains."""
-        return self.column_nqe.reshape(len(free_f), len(self.corner_ee))[free_f]
+        return np.compress(free_f, self.column_nqe.reshape(len(free_f), len(self.corner_ee)), axis=0)
 
     def row(self, free_f: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return the (s, F) derivatives of stress times volume by the free coordinates."""
         side = self.column_nqe if self.row_nqe is None else self.row_nqe
-        return side.reshape(len(free_f), len(self.corner_ee))[free_f].T
+        return np.compress(free_f, side.reshape(len(free_f), len(self.corner_ee)), axis=0).T
 
 
 def assemble(

@@ -591,7 +591,9 @@ def elastic_moduli(
             system, relaxation = found.system, found.relaxation
             # without a set that agrees with its motion there is no answer at rest, as along a negative direction
             unsolved = int(relaxation.residual > _INCONSISTENT or not found.consistent)
-        whole = resting_forces(scene)
+        # the rule of `find_contacts` takes all pairs that touch
+        known = system.network.found if found is None and gap_tolerance is None else None
+        whole = resting_forces(scene, near=known)
         _refuse_bearing_rattlers(whole, system.virial_of_springs if found is None else found.virial)
         whole.warn_of_rattlers(scene.packing.particles - len(system.network.index_n))
         response = _moduli(system, relaxation, found, scene.packing.box.volume, unsolved, whole, start)

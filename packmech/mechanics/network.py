@@ -33,6 +33,8 @@ class Network:
         (N',) particles that are kept, by their numbers there.
     contacts
         Contacts among them.
+    found
+        The contacts of the parent that these were chosen from, by its numbers.
     links
         Links among them, perhaps none.
     turn_nkt
@@ -51,6 +53,7 @@ class Network:
     parent: Packing
     index_n: NDArray[np.int64]
     contacts: Contacts | ShapeContacts
+    found: Contacts | ShapeContacts
     links: ConstraintFactor
     turn_nkt: NDArray[np.float64]
     there_nq: NDArray[np.bool_]
@@ -165,7 +168,7 @@ def network_among(
     free, held = there, held_particles(effects, packing.particles)
     if held is not None:
         free = there & ~held[index, None]
-    left = packing
+    left, found = packing, contacts
     if not kept_n.all():
         number = np.where(kept_n, np.cumsum(kept_n) - 1, -1)
         if len(index):
@@ -173,4 +176,4 @@ def network_among(
         contacts = contacts.among(kept_n).numbered(number, left)
     links = ConstraintFactor(left if len(index) else packing.replace(links=None))
     beyond = find_interactions(packing, effects).among(index)
-    return Network(packing, index, contacts, links, turn, there, free, acts_on_single(effects), beyond)
+    return Network(packing, index, contacts, found, links, turn, there, free, acts_on_single(effects), beyond)

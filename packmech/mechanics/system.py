@@ -108,13 +108,13 @@ class System:
         """Return the (F, s) derivatives of the slopes by Mandel strains [energy/length]."""
         free = self.network.free_f if free_f is None else free_f
         strains = self._carried_nqe.shape[2]
-        return self.assembled.column(free) + self._carried_nqe.reshape(len(free), strains)[free]
+        return self.assembled.column(free) + np.compress(free, self._carried_nqe.reshape(len(free), strains), axis=0)
 
     def row(self, free_f: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
         """Return the (s, F) derivatives of stress times volume by the coordinates [energy/length]."""
         free = self.network.free_f if free_f is None else free_f
         strains = self._carried_nqe.shape[2]
-        return self.assembled.row(free) + self._carried_nqe.reshape(len(free), strains)[free].T
+        return self.assembled.row(free) + np.compress(free, self._carried_nqe.reshape(len(free), strains), axis=0).T
 
     @property
     def corner(self) -> NDArray[np.float64]:

@@ -21,8 +21,10 @@ from packmech.packing import Packing
 from packmech.protocols.continuation import Step, StepLengths, follow
 from packmech.protocols.protocol import Protocol
 
-# net forces over the mean contact force that FIRE goes to, each time Newton's method finds no balance from the last
-_SEARCHED_TO = (1e-3, 3e-5, 9e-7)
+# Net forces over the mean contact force that FIRE goes to, each time Newton's method finds no balance from the last.
+# Measured in the plane, N = 1024, five packings at pressures 1e-5, 1e-4 and 1e-3 each: from 1e-4 Newton's method ended
+# in balance in 14 of 15 searches, from 1e-3 in 4, and one that does not costs as much as 2000 steps of FIRE.
+_SEARCHED_TO = (1e-4, 1e-5, 9e-7)
 _FIRE_STEPS = 30_000
 # largest number of Newton's steps from one packing on a way to the next
 _NEWTON_STEPS = 25
