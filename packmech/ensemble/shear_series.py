@@ -18,7 +18,18 @@ from numpy.typing import NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.status import check_progress, shows
-from packmech.check import brief, clear_errors, function, instance, integer, one_of, positive, real, two_axes
+from packmech.check import (
+    brief,
+    check_memory,
+    clear_errors,
+    function,
+    instance,
+    integer,
+    one_of,
+    positive,
+    real,
+    two_axes,
+)
 from packmech.effects import Bonds, Friction, bonds_of, friction_of
 from packmech.effects.bonds import bond_contacts
 from packmech.ensemble.folder import CHECKPOINT, WORKSPACE, find, read_arrays
@@ -395,6 +406,7 @@ def _frictions(frictions: Any) -> list[float | None]:
         return [None]
     if isinstance(frictions, str) or not isinstance(frictions, Sequence | np.ndarray) or not len(frictions):
         raise TypeError(f"frictions must be a list of coefficients or None, got {brief(frictions)}")
+    check_memory("frictions", _TRIAL_BYTES * len(frictions))
     found: list[float | None] = [real("frictions", one, at_least=0.0) for one in frictions]
     if len(set(found)) != len(found):
         raise ValueError(f"frictions must name each coefficient once, got {brief(frictions)}")

@@ -332,8 +332,13 @@ def write_trajectory(
     """
     target, chosen = _target(path, format)
     boolean("drop", drop)
-    if isinstance(snapshots, Packing | Snapshot | str) or not isinstance(snapshots, Iterable):
-        raise TypeError(f"snapshots must be a sequence of packings, got {brief(snapshots)}")
+    try:
+        if isinstance(snapshots, Packing | Snapshot | str):
+            raise TypeError
+        given = iter(snapshots)
+    # whatever an object raises that is asked for its entries, it has none
+    except Exception:
+        raise TypeError(f"snapshots must be a sequence of packings, got {brief(snapshots)}") from None
     if not chosen.many:
         several = ", ".join(one.endings[0] for one in FORMATS.values() if one.many)
         raise ValueError(f"path must be of a format that holds several packings ({several}), got {str(path)!r}")
@@ -341,7 +346,7 @@ def write_trajectory(
 
     def each() -> Iterator[Snapshot]:
         nonlocal done
-        for one in snapshots:
+        for one in given:
             snapshot = snapshot_of(f"snapshots[{done}]", one)
             if snapshot.step is None:
                 snapshot = snapshot.at_step(done)

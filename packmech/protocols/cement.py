@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import Kind, brief, instance, integer, one_of, positive, real
+from packmech.check import Kind, brief, entries, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts, find_contacts
 from packmech.jit.blas import single_thread
 from packmech.linalg.mandel import mandel_basis, trace_vector
@@ -684,7 +684,7 @@ def drawn_order(name: str, backbone: Backbone, rng: np.random.Generator) -> NDAr
 
 def _sequence(order: Sequence[int] | NDArray[np.int64], backbone: Backbone) -> NDArray[np.int64]:
     """Return places in the backbone's contacts from those in the packing's."""
-    given = np.asarray(order)
+    given = entries("order", order, "iu", "numbers of contacts")
     if given.ndim != 1 or not given.size or given.dtype.kind not in "iu":
         raise TypeError(f"order must be a list of numbers of contacts, at least one, got {brief(order)}")
     place = backbone.place_c

@@ -381,6 +381,8 @@ def oscillatory_shear(
     samples = integer("samples_per_period", samples_per_period, at_least=8, bytes_each=SAMPLE_BYTES)
     check_memory("periods x samples_per_period", SAMPLE_BYTES * (pre + count + post) * samples)
     every = math.ceil(1.0 / (rate * settings.longest * samples) * (1.0 - 1e-12))
+    if not every:
+        raise ValueError(f"frequency must be such that float64 holds the steps of a period, got {rate:g}")
     each = every * samples
     step = 1.0 / (rate * each)
     one_of("strain_path", strain_path, ("exact", "increments"))
