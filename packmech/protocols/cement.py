@@ -743,7 +743,8 @@ class _Course:
 
 def step_end(number: int, last: int, step: float, particles: int) -> int:
     """Return n_l at the end of a step, at least one contact after the last."""
-    return max(int(np.floor(number * step * particles + 1e-9)), last + 1)
+    # as many as there are numbers, where the product is beyond them
+    return max(int(min(np.floor(number * step * particles + 1e-9), 2.0**62)), last + 1)
 
 
 def cement_backbone(

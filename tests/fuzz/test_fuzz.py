@@ -140,6 +140,7 @@ FOUND = (
     ("material_constants", {"side": "1e-200"}),
     ("material_constants", {"side": "1e+200"}),
     ("cement", {"order": "huge range"}),
+    ("cement", {"step": "1e+308"}),
     ("oscillatory_shear", {"frequency": "1e+308"}),
     ("shear_series", {"frictions": "huge range"}),
     ("write_trajectory", {"snapshots": "pretender"}),
