@@ -88,17 +88,11 @@ def accuracy(
             tried: CheapestSettings | None = getattr(stop, "found", None)
             if tried is not None:
                 _say(scene, tried)
-            show("packmech: interrupted", error=True)
+                _write(tried, files, csv, figure if tried.trials else None)
+            show("packmech: interrupted: this is what was tried so far, and nothing is chosen", error=True)
             return INTERRUPTED
     _say(scene, found)
-    files.write_json(found.to_dict())
-    files.say_what_was_written()
-    if csv is not None:
-        with replacing(csv) as partial:
-            partial.write_text(found.to_csv(), encoding="utf-8")
-    if figure is not None:
-        found.save_figure(figure)
-        show(f"figure: {figure}")
+    _write(found, files, csv, figure)
     if not found.met:
         unwritten = "" if out is None else f"; {out} is not written"
         show(f"packmech: no settings meet the target: {found.why_not}{unwritten}", error=True)
@@ -109,6 +103,18 @@ def accuracy(
         drawn_anew = found.starts > 1 and tables["packing"].get("seed") is None
         show(f"wrote {out}   (next: packmech run {out}{' --seed 1' * drawn_anew})")
     return OK
+
+
+def _write(found: CheapestSettings, files: Files, csv: Path | None, figure: Path | None) -> None:
+    """Write what was tried, as it was asked for."""
+    files.write_json(found.to_dict())
+    files.say_what_was_written()
+    if csv is not None:
+        with replacing(csv) as partial:
+            partial.write_text(found.to_csv(), encoding="utf-8")
+    if figure is not None:
+        found.save_figure(figure)
+        show(f"figure: {figure}")
 
 
 def _values(text: str) -> tuple[str, list[Any]]:

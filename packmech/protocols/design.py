@@ -335,7 +335,8 @@ def design(
         "bonds", which are taken away one by one as long as the rest stays stable to all strains and without floppy
         modes. Particles that a bond held apart, or together, then touch as others do.
     at_least, at_most
-        The figure to reach, one of them: the run ends there. Infinite: as far as it goes.
+        The figure to reach, one of them: the run ends there. `at_most=-np.inf` or `at_least=np.inf`, no goal: as far as
+        it goes.
     bounds
         Lowest and highest numbers, one for all or one for each; to be left out for "bonds".
     keep
@@ -453,7 +454,7 @@ def _goal(at_least: float | None, at_most: float | None) -> tuple[float, float]:
         if not (isinstance(goal, float) and math.isinf(goal)):
             real(name, goal)
     if not given:
-        raise ValueError("at_least must be given, or at_most, got neither")
+        raise ValueError("at_least must be given, or at_most (-np.inf: as low as it goes), got neither")
     if len(given) > 1:
         raise ValueError(f"at_most must be left out where at_least is given, got {at_most} and {at_least}")
     (goal,) = given.values()

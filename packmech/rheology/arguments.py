@@ -192,9 +192,11 @@ def listed_numbers(name: str, values: Any, what: str) -> list[float]:
         Naming what is wrong.
 
     """
-    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray) or not len(values):
+    if isinstance(values, str) or not isinstance(values, Sequence | np.ndarray):
         raise TypeError(f"{name} must be a list of {what}, got {brief(values)}")
-    return [positive(name, one) for one in values]
+    if not len(values):
+        raise ValueError(f"{name} must hold one of the {what} at least, got none")
+    return [positive(f"{name}[{k}]", one) for k, one in enumerate(values)]
 
 
 def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Callable[[list[R]], C]) -> C:

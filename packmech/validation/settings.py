@@ -130,7 +130,7 @@ def settings_for(
         try:
             drawn = starts_of(*read_scene_tables(scene), str(scene), count, seed)
         except FileNotFoundError as error:
-            raise ValueError(f"scene{str(error).removeprefix('path')}") from None
+            raise FileNotFoundError(f"scene{str(error).removeprefix('path')}") from None
     with shows("settings", check_progress(progress), after=0.0) as say:
         return search_settings(drawn, targets, knobs, mean=mean, time_limit=time_limit, say=say)
 
@@ -186,7 +186,7 @@ class _Search:
     ) -> None:
         first = starts.draw(0)
         if first.drive is None:
-            raise ValueError("scene must have a drive to be run, got none")
+            raise ValueError("scene must have a drive to be run, such as pm.QuenchDrive(), got none")
         self.draw, self.first = starts.draw, of_a_duration(first)
         # further starts decide on what the first say may do
         first_few = max(1, starts.number // (1 + _FURTHER))
@@ -219,6 +219,8 @@ class _Search:
                     why_not = finer
                     break
                 self.caps, before, trials = finer, trials, {}
+        except _UnknownFigureError as error:
+            raise ValueError(str(error)) from None
         except _TimeUpError:
             best, why_not = None, f"the time limit of {self.time_limit:g} s ran out"
         except KeyboardInterrupt as stop:
@@ -505,8 +507,8 @@ class _TimeUpError(Exception):
     """The time limit ran out."""
 
 
-class _UnknownFigureError(TypeError):
-    """A figure that the run does not give."""
+class _UnknownFigureError(Exception):
+    """A figure that the run does not give: no failure of one setting, but of all."""
 
 
 def _is_number(value: Any) -> bool:

@@ -97,6 +97,8 @@ def _target_of(text: Any) -> Target:
         error = float(number.removesuffix("%")) * (0.01 if number.endswith("%") else 1.0)
     except ValueError:
         error = math.nan
+    if given and error < 0.0:
+        raise ValueError(f"target must be an error that is not negative, got {brief(text)}")
     if not given or not name.strip() or not 0.0 <= error < math.inf or (absolute and number.endswith("%")):
         raise ValueError(
             f'target must be FIGURE:ERROR, as in "storage_modulus:1%", "pressure:1e-3" or "contacts:0 absolute", '

@@ -64,3 +64,36 @@ def test_bad_words_are_named_before_any_work(tmp_path, words, said):
     done = accuracy(tmp_path, *words)
     assert done.returncode == 2
     assert said in done.stderr
+
+
+def test_what_was_tried_before_an_interrupt_is_shown_and_written(tmp_path):
+    """Ctrl-C comes with the third line of progress."""
+    (tmp_path / "scene.toml").write_text(SCENE)
+    (tmp_path / "interrupts.py").write_text(
+        "import packmech.cli.accuracy as command\n"
+        "search, heard = command.search_settings, []\n"
+        "def interrupted(*given, say, **named):\n"
+        "    def count(*words):\n"
+        "        heard.append(words)\n"
+        "        if len(heard) == 3:\n"
+        "            raise KeyboardInterrupt\n"
+        "    return search(*given, say=count, **named)\n"
+        "command.search_settings = interrupted\n"
+    )
+    words = (
+        "--load",
+        "interrupts.py",
+        "--target",
+        "pressure:1%",
+        "--starts",
+        "2",
+        "--json",
+        "a.json",
+        "--csv",
+        "a.csv",
+    )
+    done = accuracy(tmp_path, *words)
+    assert done.returncode == 130, done.stderr
+    assert "interrupted: this is what was tried so far, and nothing is chosen" in " ".join(done.stderr.split())
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert not found["met"] and len((tmp_path / "a.csv").read_text().splitlines()) == len(found["trials"]) + 1

@@ -237,18 +237,23 @@ def test_targets_are_read_in_all_forms():
 def test_errors_of_nothing_and_figures_of_costs_are_refused(crystal):
     with pytest.raises(ValueError, match="must be an error above zero"):
         read_targets("pressure:0")
-    with pytest.raises(TypeError, match="got 'steps', which is what it costs"):
+    with pytest.raises(ValueError, match="got 'steps', which is what it costs"):
         pm.settings_for(crystal.replace(drive=pm.QuenchDrive()), "steps:1%")
 
 
-@pytest.mark.parametrize("text", ["pressure", ":1%", "pressure:x", "pressure:-1%", "pressure:1% absolute", "a:1 b", ""])
+@pytest.mark.parametrize("text", ["pressure", ":1%", "pressure:x", "pressure:1% absolute", "a:1 b", ""])
 def test_targets_that_say_nothing_are_refused(text):
     with pytest.raises(ValueError, match="target must be FIGURE:ERROR"):
         read_targets(text)
 
 
+def test_negative_errors_are_refused():
+    with pytest.raises(ValueError, match="target must be an error that is not negative, got 'pressure:-1%'"):
+        pm.settings_for(pm.lattice_packing("square", repeats=(2, 2)), "pressure:-1%")
+
+
 def test_a_figure_that_the_run_does_not_give_is_named_with_one_that_is_near(crystal):
-    with pytest.raises(TypeError, match="did you mean 'pressure'"):
+    with pytest.raises(ValueError, match="did you mean 'pressure'"):
         pm.settings_for(crystal.replace(drive=pm.QuenchDrive()), "presure:1%")
 
 
