@@ -186,14 +186,16 @@ def real(
     at_least: float = -math.inf,
     below: float = math.inf,
     at_most: float = math.inf,
+    infinite: bool = False,
 ) -> float:
-    """Return the value as a finite float inside the stated bounds (above and below are strict)."""
+    """Return the value as a float inside the stated bounds (above and below are strict), finite unless said."""
     required = [
         f"{word} {bound:g}"
         for word, bound in (("above", above), ("at least", at_least), ("below", below), ("at most", at_most))
         if math.isfinite(bound)
     ]
-    text = " ".join(["a finite number", " and ".join(required)]).strip()
+    kind = "a number, perhaps infinite," if infinite and required else "a number" if infinite else "a finite number"
+    text = " ".join([kind, " and ".join(required)]).strip()
     if isinstance(value, bool | np.bool_ | str | bytes):
         raise TypeError(f"{name} must be {text}, got {brief(value)}")
     try:
@@ -204,7 +206,10 @@ def real(
         raise ValueError(f"{name} must be {text}, got {brief(value)}, which no float64 holds") from None
     except Exception:
         raise TypeError(f"{name} must be {text}, got {brief(value)}") from None
-    if not math.isfinite(number) or number <= above or number < at_least or number >= below or number > at_most:
+    known = not math.isnan(number) if infinite else math.isfinite(number)
+    low = number < at_least or (number <= above and above > -math.inf)
+    high = number > at_most or (number >= below and below < math.inf)
+    if not known or low or high:
         raise ValueError(f"{name} must be {text}, got {brief(value)}")
     return number
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import ANY_LENGTH, honors
-from packmech.check import BoxStrain, finite_array, instance, integer, one_of, positive
+from packmech.check import BoxStrain, boolean, finite_array, instance, integer, one_of, positive
 from packmech.constraints.basis import METHODS as BASES
 from packmech.constraints.basis import Block, ConstraintBasis, constraint_basis
 from packmech.constraints.factor import ConstraintFactor, Strains
@@ -327,7 +327,7 @@ def reaffix_links(
     no_own_images("packing", packing)
     tolerance = positive("tolerance", tolerance)
     limit = integer("iteration_limit", iteration_limit, at_least=1)
-    instance("check", check, bool)
+    boolean("check", check)
     started = time.process_time()
     factor = ConstraintFactor(packing)
     if factor.smallest_pivot < _SUSPECT:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
-from packmech.check import chosen_rows, instance, particle_mask
+from packmech.check import boolean, chosen_rows, instance, particle_mask
 from packmech.contacts.bead_contact import bead_contacts, turned_arms
 from packmech.contacts.elements import normal_slopes
 from packmech.contacts.gauge_contact import gauge_contacts
@@ -364,7 +364,7 @@ def find_shape_contacts(packing: Packing, *, gap_tolerance: float | None = None,
     instance("packing", packing, Packing)
     if not packing.shapes.has_orientations:
         raise ValueError("packing must have shapes, got one of discs or spheres: ask pm.find_contacts")
-    instance("second", second, bool)
+    boolean("second", second)
     tolerance = gap_limit(gap_tolerance)
     pairs = candidate_sites(packing, (1.0 + tolerance) * (1.0 + 1e-9))
     near = shape_contacts(packing, pairs)

@@ -14,7 +14,7 @@ from numba.typed import List
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import declare
-from packmech.check import boolean, brief, finite_array, instance, integer, one_of, positive, real, two_axes
+from packmech.check import MOST_STEPS, boolean, brief, finite_array, instance, integer, one_of, positive, real, two_axes
 from packmech.dynamics.by_shape import turns_of
 from packmech.dynamics.deformation import Driven, end_path, extend_path, strain_direction
 from packmech.dynamics.engine import SHEARED_ENOUGH, WRAP_EVERY, Engine, build_engine
@@ -481,7 +481,7 @@ class ShearBatch:
         smallest = min(choose_time_step(one, method.fraction) for one in self.scenes)
         self.dt: float = smallest if dt is None else positive("dt", dt)
         d = first.packing.dimension
-        self.steps: int = integer("steps", steps, at_least=1)
+        self.steps: int = integer("steps", steps, at_least=1, at_most=int(MOST_STEPS))
         self.controls = CONTROLS[control] + bool(switched_friction)
         self._second_order = isinstance(method, VelocityVerlet)
         self._plan = (

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import brief, check_steps, instance, integer, positive
+from packmech.check import MOST_STEPS, boolean, brief, check_steps, instance, integer, positive
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.simulation import KIND, Simulation, SimulationSettings, SimulationTask, saved_settings
@@ -231,7 +231,7 @@ def resume(
         check=check,
     )
     if steps is not None:
-        settings = replace(settings, steps=integer("steps", steps, at_least=reached))
+        settings = replace(settings, steps=integer("steps", steps, at_least=reached, at_most=int(MOST_STEPS)))
     task = SimulationTask(settings, RunLoop(limits))
     return task.run(lambda: restore_from(found.arrays, task, "path", path))
 
@@ -265,8 +265,8 @@ def _settings(scene: Any, asked: Asked) -> tuple[SimulationSettings, NDArray[np.
         integer("seed", asked.seed, at_least=0)
     if asked.temperature is not None:
         _check_temperature(asked.temperature, asked.velocity_nd, asked.seed)
-    instance("trace_positions", asked.trace_positions, bool)
-    instance("ledger", asked.ledger, bool)
+    boolean("trace_positions", asked.trace_positions)
+    boolean("ledger", asked.ledger)
     if strain is not None and not isinstance(strain, SteadyStrain | OscillatoryStrain):
         raise TypeError(
             f"applied_strain must be SteadyStrain(...), OscillatoryStrain(...) or None, got {brief(strain)}"
@@ -327,7 +327,7 @@ def _check_temperature(temperature: Any, velocity_nd: Any, seed: Any) -> None:
 def _steps(steps: Any, duration: Any, longest: float) -> tuple[int, float]:
     """Return the number of steps and their length."""
     if steps is not None:
-        count = integer("steps", steps, at_least=1)
+        count = integer("steps", steps, at_least=1, at_most=int(MOST_STEPS))
         if duration is not None:
             raise ValueError(f"duration must be left out where steps are given, got {brief(duration)}")
         return count, longest

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from packmech.box import Box
 from packmech.calls.display import shown
-from packmech.check import instance, integer, positive
+from packmech.check import boolean, instance, integer, positive
 from packmech.dynamics.breaking import BrokenBonds, numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import OscillatoryStrain, SteadyStrain, Strain
 from packmech.dynamics.energy_drift import (
@@ -551,7 +551,7 @@ def saved_settings(found: Checkpoint, scene: Scene) -> SimulationSettings:
     if strain is not None:
         strain = from_table(strain, "applied_strain", kinds_of((SteadyStrain, OscillatoryStrain)))
         strain.direction(scene.packing.dimension)  # which refuses axes that the packing does not have
-    instance("trace_positions", table["trace_positions"], bool)
+    boolean("trace_positions", table["trace_positions"])
     instance("start", table["start"], str)
     start = start_of_motion(scene.packing, None, None, arrays.get("held_n"))
     return SimulationSettings(

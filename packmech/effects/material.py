@@ -180,11 +180,11 @@ def material_constants(
     ratio = real("size_ratio", size_ratio, at_least=1.0)
     heavy = positive("density", density) * _PER_SQUARE_UM
     mass = heavy * area
-    for name, one in (("side", area), ("density", mass), ("young_modulus", mass / stiffness)):
-        if not sys.float_info.min <= one < math.inf:
-            raise ValueError(
-                f"{name} must be such that area, mass and time of a particle are normal numbers, got {one:g}"
-            )
+    if not all(sys.float_info.min <= one < math.inf for one in (area, mass, mass / stiffness)):
+        raise ValueError(
+            "side, particles, packing_fraction, density and young_modulus must make area, mass and time of a particle "
+            f"normal numbers, got {area:g} um^2, {mass:g} kg and the square root of {mass / stiffness:g} s^2"
+        )
     time = math.sqrt(mass / stiffness)
     damping = real("relative_viscosity", relative_viscosity, at_least=0.0) * stiffness * time
     across = real("tangential_ratio", tangential_ratio, at_least=0.0)

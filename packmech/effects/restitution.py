@@ -28,6 +28,8 @@ _ACCURACY = 1e-11
 _CLOSED = 1e-12
 # error of the overlap by rounding, over the deepest one, beyond which no collision is followed
 _LEAST = 1e-4
+# relative error of the integration over that of the overlap by rounding: smaller ones follow noise
+_OF_ROUNDING = 0.01
 # part of the energy below which what is left counts as none
 _STOPPED = 1e-16
 # halvings of an overlap, and doublings of a time, after which there is none
@@ -63,7 +65,8 @@ def coefficient_of_restitution(
     Raises
     ------
     TypeError, ValueError
-        If an argument is wrong, or nothing repels them strongly enough.
+        If an argument is wrong, nothing repels them strongly enough, or they are so slow that rounding leaves fewer
+        than four digits of their overlap.
 
     Examples
     --------
@@ -110,7 +113,11 @@ def _pair_of(radii: ArrayLike, masses: ArrayLike) -> tuple[Partners, float]:
     found = entries("masses", masses, "iuf", "two positive numbers").astype(np.float64)
     if found.shape != (2,) or not (found > 0.0).all() or np.isinf(found).all():
         raise ValueError(f"masses must be two positive numbers, one of them finite, got {brief(masses)}")
-    return partners, 1.0 / float((1.0 / found).sum())
+    with np.errstate(over="ignore"):
+        reduced = float(1.0 / (1.0 / found).sum())
+    if not sys.float_info.min <= reduced < math.inf:
+        raise ValueError(f"masses must have a reduced mass that float64 holds to all digits, got {brief(masses)}")
+    return partners, reduced
 
 
 def _restitution(effects: tuple[Any, ...], speed: float, partners: Partners, mass: float) -> float:
@@ -145,7 +152,7 @@ def _restitution(effects: tuple[Any, ...], speed: float, partners: Partners, mas
             f"speed must be so large that rounding leaves four digits of the overlap, {deepest:.1g} at most, got "
             f"{speed:g}"
         )
-    closed, accuracy = max(_CLOSED, rounding), max(_ACCURACY, rounding)
+    closed, accuracy = max(_CLOSED, rounding), max(_ACCURACY, _OF_ROUNDING * rounding)
     options = {"rtol": accuracy, "atol": 1e-3 * accuracy}
     run = solve_ivp(slope, (0.0, math.inf), (closed, 1.0), "DOP853", events=(parted, stopped), **options)
     return abs(float(run.y[1, -1])) if len(run.t_events[0]) else 0.0
@@ -194,7 +201,6 @@ def viscoelastic_time(
     Examples
     --------
     >>> import math
-    import sys
     >>> import packmech as pm
     >>> time = pm.viscoelastic_time(pm.LinearSpring(4.0), 0.5, 0.01)
     >>> zeta = math.log(2.0) / math.hypot(math.pi, math.log(2.0))

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import packmech
-from packmech.check import brief, did_you_mean, instance, listed, one_of
+from packmech.check import boolean, brief, did_you_mean, listed, one_of
 from packmech.ensemble.folder import ARRAYS, CHECKPOINT, FAILURE, RESULT, STATE_POINT, MemberOutcome
 from packmech.ensemble.function_text import file_key, first_text_key, own_text_key, text_key
 from packmech.ensemble.members import Member
@@ -65,8 +65,8 @@ def job_table(
 
     """
     one_of("seeding", seeding, SEEDING)
-    instance("check", check, bool)
-    instance("keep_packings", keep_packings, bool)
+    boolean("check", check)
+    boolean("keep_packings", keep_packings)
     files = load_modules(load)
     table: dict[str, Any] = {
         "seeding": seeding,

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from packmech.calls.status import Progress, Report, check_progress, shows
-from packmech.check import brief, clear_errors, function, instance, integer, listed, positive, warn
+from packmech.check import boolean, brief, clear_errors, function, integer, listed, positive, warn
 from packmech.ensemble.folder import WORKSPACE, FolderError, find, listed_members, make_members, prepare, read_job
 from packmech.ensemble.jobs import (
     Functions,
@@ -278,7 +278,7 @@ def complete_folder(
 ) -> Made:
     """Run what is missing of the members that a folder has; arguments as of `resume_ensemble`."""
     place = _folder(folder, settings.workers == 0)
-    instance("trust", trust, bool)
+    boolean("trust", trust)
     job = read_job(place)
     check_trusted(job, trust)
     check_functions(job)
@@ -354,7 +354,7 @@ def member_settings(
     if memory_limit is not None and not can_limit_memory():
         raise ValueError("memory_limit must be left out on a system that does not say what a process takes")
     check_progress(progress)
-    instance("retry", retry, bool)
+    boolean("retry", retry)
     return MemberSettings(
         executor,
         _cores() if workers is None else workers,

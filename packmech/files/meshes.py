@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.status import shown_as
-from packmech.check import clear_errors, instance, positive
+from packmech.check import boolean, clear_errors, positive
 from packmech.effects.mesh import flat_triangles
 from packmech.files.paths import existing_file
 
@@ -58,7 +58,7 @@ def read_mesh(path: str | os.PathLike[str], *, scale: float = 1.0, drop_flat: bo
     """
     file = existing_file("path", path)
     positive("scale", scale)
-    instance("drop_flat", drop_flat, bool)
+    boolean("drop_flat", drop_flat)
     try:
         trimesh: Any = importlib.import_module("trimesh")
     except ModuleNotFoundError as error:

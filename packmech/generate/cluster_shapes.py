@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from packmech.check import (
     PARTICLE_BYTES,
+    boolean,
     brief,
     finite_array,
     given_shape,
-    instance,
     integer,
     positive,
     positive_array,
@@ -426,7 +426,7 @@ class RingCluster:
         integer("beads", self.beads, at_least=3, bytes_each=PARTICLE_BYTES)
         positive("length", self.length)
         _radii(self.radii, self.beads)
-        instance("rigid", self.rigid, bool)
+        boolean("rigid", self.rigid)
 
     def cluster(self, dimension: int) -> Cluster:
         """Return the beads and links in two or three dimensions."""
@@ -478,7 +478,7 @@ class StarCluster:
         integer("arm_beads", self.arm_beads, at_least=1, bytes_each=arms * PARTICLE_BYTES)
         positive("length", self.length)
         _radii(self.radii, 1 + self.arms * self.arm_beads)
-        instance("rigid", self.rigid, bool)
+        boolean("rigid", self.rigid)
 
     def cluster(self, dimension: int) -> Cluster:
         """Return the beads and links in two or three dimensions."""

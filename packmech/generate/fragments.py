@@ -9,7 +9,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from packmech.check import brief, clear_errors, instance, integer, one_of, real
+from packmech.check import boolean, brief, clear_errors, instance, integer, one_of, real
 from packmech.generate.random import generator_of
 from packmech.links import Links, image_offsets
 from packmech.packing import Packing
@@ -130,8 +130,8 @@ def cut_fragments(
         lines = integer("lines", lines, at_least=0)
     fuzziness = real("edge_fuzziness", edge_fuzziness, at_least=0.0)
     angle = real("avoided_angle", avoided_angle, at_least=0.0, below=math.pi / 2.0)
-    instance("cut_top_bottom", cut_top_bottom, bool)
-    instance("join_isolated", join_isolated, bool)
+    boolean("cut_top_bottom", cut_top_bottom)
+    boolean("join_isolated", join_isolated)
     removed = real("removed_fraction", removed_fraction, at_least=0.0, at_most=1.0)
     one_of("spanning", spanning, SPANNING)
     axis = integer("axis", axis, at_least=0, at_most=packing.dimension - 1)

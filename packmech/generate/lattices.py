@@ -13,6 +13,7 @@ from packmech.box import Box
 from packmech.calls.honors import honors
 from packmech.check import (
     PARTICLE_BYTES,
+    boolean,
     brief,
     check_memory,
     clear_errors,
@@ -256,7 +257,7 @@ def crystal_packing(
     """Return the packing of any crystal; arguments as for `lattice_packing`."""
     diameter = positive("diameter", diameter)
     spacing = diameter * (1.0 - real("relative_overlap", relative_overlap, below=1.0))
-    instance("conventional", conventional, bool)
+    boolean("conventional", conventional)
     dimension = crystal.dimension
     if supercell is None:
         cells_dd = np.diag(_repeats(repeats, dimension))
@@ -455,7 +456,7 @@ def vacancy_packing(packing: Packing, vacancies: int, *, seed: int, apart: bool 
     if count >= packing.particles:
         raise ValueError(f"vacancies must be fewer than the particles ({packing.particles}), got {count}")
     rng = np.random.default_rng(integer("seed", seed, at_least=0))
-    instance("apart", apart, bool)
+    boolean("apart", apart)
     kept_n = np.ones(packing.particles, dtype=bool)
     order_n = rng.permutation(packing.particles)
     if not apart:

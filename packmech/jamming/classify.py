@@ -9,7 +9,6 @@ fewest contacts, if they jam the packing, answer for the others as well.
 from __future__ import annotations
 
 import functools
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -374,8 +373,7 @@ def classify_jamming(
     if gap_tolerance is not None:
         gap_tolerance = real("gap_tolerance", gap_tolerance, above=-0.1, below=1.0)
     real("tolerance", tolerance, above=0.0, at_most=1e-3)
-    if not (isinstance(rest_tolerance, float) and math.isinf(rest_tolerance) and rest_tolerance > 0.0):
-        rest_tolerance = real("rest_tolerance", rest_tolerance, above=0.0)
+    rest_tolerance = real("rest_tolerance", rest_tolerance, above=0.0, infinite=True)
     integer("seed", seed, at_least=0)
     repeats = _repeats(packing, tiled, method)
     if method == "loads" and solver == "highs":

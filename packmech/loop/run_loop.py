@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from packmech.calls.status import Progress, Report, check_progress, is_watched, shows
-from packmech.check import brief, instance, integer, positive
+from packmech.check import boolean, brief, integer, positive
 from packmech.jit.compiled import compile_clock, working_time
 from packmech.jit.interrupts import held_interrupts, safe_interrupts
 from packmech.loop.checkpoint import check_path
@@ -92,7 +92,7 @@ def run_settings(
     ValueError: threads must be an integer at least 1, got 0
 
     """
-    instance("check", check, bool)
+    boolean("check", check)
     if checkpoint_every is not None:
         integer("checkpoint_every", checkpoint_every, at_least=1)
         if checkpoint is None:

@@ -30,6 +30,8 @@ _CUT = 7.5
 _SPACING = 0.7
 # more points than this are refused: their stresses alone take gigabytes
 _MOST = 2**26
+# and what visits more of them: ten minutes of work
+_MOST_VISITS = 1e11
 
 
 @kernel
@@ -256,11 +258,12 @@ def coarse_grain(
     n, d = packing.particles, packing.dimension
     grid = _Grid(packing.box, _shape(shape, packing.box, positive("width", width)), float(width))
     reach = (grid.width / height for height in packing.box.height_d.tolist())
-    visits = math.prod(1.0 + 2.0 * _CUT * r * k for r, k in zip(reach, grid.shape, strict=True))
-    if not visits <= _MOST:
+    visits = float(n) * math.prod(1.0 + 2.0 * _CUT * r * k for r, k in zip(reach, grid.shape, strict=True))
+    if not visits <= _MOST_VISITS:
         raise ValueError(
-            f"width must be so small that a particle spreads to {_MOST} points, counted again in each copy of the "
-            f"cell, got {grid.width:g}, which takes {visits:.1e}"
+            f"width and shape must be such that particles spread to {_MOST_VISITS:.0e} points at most, counted again "
+            f"in each copy of the cell, got a width of {grid.width:g} and {' x '.join(map(str, grid.shape))} points, "
+            f"which takes {visits:.1e}"
         )
     velocity = np.zeros((n, d))
     if velocity_nd is not None:

@@ -528,7 +528,8 @@ def resting_forces(
     second
         Whether the curvatures of their distances are asked for, too.
     near
-        Pairs that push something, all that touch among them; None: they are searched for.
+        Contacts found before, without those that no effect acts on, every pair that overlaps among them; None: they are
+        searched for.
 
     """
     instance("scene", scene, Scene)

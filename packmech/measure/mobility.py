@@ -13,7 +13,7 @@ from scipy.special import j0
 
 from packmech.calls.display import shown
 from packmech.calls.status import shown_as
-from packmech.check import brief, entries, finite_array, instance, integer, positive
+from packmech.check import boolean, brief, entries, finite_array, integer, positive
 from packmech.measure.displacements import displacements
 from packmech.measure.signals import mean_with_error
 from packmech.packing import Packing
@@ -136,7 +136,7 @@ class _Lags(NamedTuple):
 
 def _lags_of(frames: Any, time_t: Any, lags: Any, particles: Any, remove_drift: bool) -> _Lags:
     """Return what is compared, checked."""
-    instance("remove_drift", remove_drift, bool)
+    boolean("remove_drift", remove_drift)
     known = frames_of(frames, time_t)
     count, particles_in_all, _ = known.fraction_tnd.shape
     return _Lags(known, _chosen(particles, particles_in_all), _lags(lags, count), remove_drift)

@@ -19,7 +19,7 @@ from packmech.box import Box
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import clear_errors, finite_array, instance, integer_array, positive
+from packmech.check import boolean, clear_errors, finite_array, instance, integer_array, positive
 from packmech.jit.compiled import inlined, kernel
 from packmech.measure.structure import species_of
 from packmech.packing import Packing
@@ -184,7 +184,7 @@ def wave_indices(box: Box, k_max: float, *, half: bool = False) -> NDArray[np.in
     """
     instance("box", box, Box)
     largest = positive("k_max", k_max)
-    instance("half", half, bool)
+    boolean("half", half)
     d = box.dimension
     # m = lattice^T k / 2 pi, so an index is at most the vector's length times k over 2 pi; few where vectors are short
     small, change = box.reduced()

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.calls.display import shown
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, Kind, finite_array, given_shape, instance
+from packmech.check import BoxStrain, Kind, boolean, finite_array, given_shape, instance
 from packmech.jit.blas import single_thread
 from packmech.measure.contact_forces import resting_forces, unless_at_rest
 from packmech.mechanics.hessian import check_choices, check_strain_of_box
@@ -145,7 +145,7 @@ def count_modes(
     instance("scene", scene, Scene)
     levels: Any = below if given_shape(below) else [below]
     frequency = finite_array("below", levels, shape=(None,), what="value")
-    instance("signs", signs, bool)
+    boolean("signs", signs)
     check_choices(kind, strain, volume_curvature)
     check_strain_of_box(scene, strain)
     with single_thread():

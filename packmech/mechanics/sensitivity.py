@@ -63,6 +63,8 @@ NUMBERS = (
 _NEAR = 0.05
 # relative steps of numbers of laws, and of shapes in distances
 _OF_NUMBERS, _SMALL = 3e-3, 1e-3
+# relative overlaps below which no derivative of one side is taken, and the rounding of a difference times the overlap
+_SHALLOWEST, _ROUNDINGS = 1e-12, 1000.0
 # lowest exponent of superellipsoids, at which they are ellipsoids
 _ROUND = 2.0
 
@@ -515,8 +517,9 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0, one_sided: boo
     mode
         The mode, counted from the lowest as in `normal_modes`.
     one_sided
-        Take contacts that just touch, overlapping by 1e-9 or less, as contacts: the derivatives are then those of
+        Take contacts that just touch, overlapping by 1e-12 to 1e-9, as contacts: the derivatives are then those of
         changes that press them further, beside those of changes that open them. Otherwise such packings are refused.
+        Of no account for packing fractions, whose contacts all just touch.
 
     Returns
     -------
@@ -564,8 +567,7 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0, one_sided: boo
                 "quench or jam it first"
             )
         rest = Rest(scene)
-        if not one_sided:
-            _refuse_touching(rest)
+        rounding = _refuse_touching(rest, one_sided)
         response = _Response(rest, of, mode)
         gradient, names = _derivatives(rest, response, to)
     ends = (np.zeros(0, np.int64), np.zeros(0, np.int64))
@@ -573,23 +575,30 @@ def sensitivity(scene: Scene, of: str, to: str, *, mode: int = 0, one_sided: boo
     if to == "contact_stiffness":
         ends = rest.network.index_n[contacts.i_c], rest.network.index_n[contacts.j_c]
     return Sensitivity(
-        of, to, response.figure.value, gradient, *ends, names, response.residual, forces.residual, rest.error,
-        response.solves, _margin(rest), time.process_time() - start,
+        of, to, response.figure.value, gradient, *ends, names, response.residual, forces.residual,
+        max(rest.error, rounding), response.solves, _margin(rest), time.process_time() - start,
     )  # fmt: skip
 
 
-def _refuse_touching(rest: Rest) -> None:
-    """Refuse contacts that just touch, where stiffnesses jump."""
+def _refuse_touching(rest: Rest, one_sided: bool) -> float:
+    """Refuse contacts that just touch, where stiffnesses jump; return how much rounding makes of others that nearly do.
+
+    Steps of differences are parts of the overlap, and rounding errors of distances over them.
+    """
     contacts = rest.network.contacts
-    low = contacts.overlap_c <= TOUCHING
+    least = _SHALLOWEST if one_sided else TOUCHING
+    low = contacts.overlap_c <= least
     if low.any():
         c = int(np.argmax(low))
         i, j = (int(rest.network.index_n[end[c]]) for end in (contacts.i_c, contacts.j_c))
         raise ValueError(
-            f"scene.packing must have contacts that overlap by more than {TOUCHING:g} of their contact distance, as "
+            f"scene.packing must have contacts that overlap by more than {least:g} of their contact distance, as "
             f"nothing has a derivative where they open and close, got particles {i} and {j}, which overlap by "
-            f"{float(contacts.overlap_c[c]):.2g}: compress it, ask for one_sided ones, or of='packing_fraction'"
+            f"{float(contacts.overlap_c[c]):.2g}: compress it, {'' if one_sided else 'ask for one_sided ones, '}"
+            "or of='packing_fraction'"
         )
+    shallow = float(contacts.overlap_c.min(initial=np.inf))
+    return _ROUNDINGS * float(np.finfo(np.float64).eps) / shallow if shallow <= TOUCHING else 0.0
 
 
 def _margin(rest: Rest) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.honors import declare
-from packmech.check import PARTICLE_BYTES, brief, finite_array, instance, integer, one_of, positive, real
+from packmech.check import PARTICLE_BYTES, boolean, brief, finite_array, instance, integer, one_of, positive, real
 from packmech.constraints.compiled_links import row_links
 from packmech.effects import Harmonic, Repulsion
 from packmech.effects.kinds import kinds_in
@@ -241,7 +241,7 @@ class QuenchBatch:
                 f"packing must have shapes of the kind of the scene's, {type(own.shapes).__name__}, "
                 f"got {type(packing.shapes).__name__}"
             )
-        instance("relax", relax, bool)
+        boolean("relax", relax)
         several, others = (kinds_in(self.scene.effects, one) is not None for one in (packing, own))
         if several != others:
             raise ValueError(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import instance, integer, positive
+from packmech.check import boolean, instance, integer, positive
 from packmech.contacts import crossing_links
 from packmech.effects import (
     FixedParticles,
@@ -148,7 +148,7 @@ def quench(
     instance("scene", scene, Scene)
     refuse_free_fall(scene.effects)
     tolerance = positive("force_tolerance", force_tolerance)
-    instance("trace_positions", trace_positions, bool)
+    boolean("trace_positions", trace_positions)
     if method is not None:
         method = checked_minimizer(method)
     every = None if trace_every is None else integer("trace_every", trace_every, at_least=1)

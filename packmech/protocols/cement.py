@@ -685,7 +685,7 @@ def drawn_order(name: str, backbone: Backbone, rng: np.random.Generator) -> NDAr
 def _sequence(order: Sequence[int] | NDArray[np.int64], backbone: Backbone) -> NDArray[np.int64]:
     """Return places in the backbone's contacts from those in the packing's."""
     given = entries("order", order, "iu", "numbers of contacts")
-    if given.ndim != 1 or not given.size or given.dtype.kind not in "iu":
+    if given.ndim != 1 or not given.size:
         raise TypeError(f"order must be a list of numbers of contacts, at least one, got {brief(order)}")
     place = backbone.place_c
     bad = np.flatnonzero((given < 0) | (given >= len(place)))

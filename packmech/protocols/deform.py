@@ -14,7 +14,7 @@ from scipy.linalg import expm, logm
 
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import brief, check_steps, instance, integer, positive, real
+from packmech.check import boolean, brief, check_steps, instance, integer, positive, real
 from packmech.contacts.shape_contacts import touching_pairs
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
@@ -576,7 +576,7 @@ def deform_at_rate(
     if scene.packing.links:
         raise ValueError(f"scene.packing must have no rigid links, got {len(scene.packing.links)}")
     positive("rate", rate), positive("answer", answer)
-    instance("ledger", ledger, bool)
+    boolean("ledger", ledger)
     tolerance = positive("stress_tolerance", stress_tolerance)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)
     check_steps("strain / rate", max(map(abs, control.strain.values())) / rate, step)

@@ -451,8 +451,7 @@ def _goal(at_least: float | None, at_most: float | None) -> tuple[float, float]:
     """Return 1 where a figure is to fall and -1 where it is to rise, and how far."""
     given = {name: goal for name, goal in (("at_least", at_least), ("at_most", at_most)) if goal is not None}
     for name, goal in given.items():
-        if not (isinstance(goal, float) and math.isinf(goal)):
-            real(name, goal)
+        real(name, goal, infinite=True)
     if not given:
         raise ValueError("at_least must be given, or at_most (-np.inf: as low as it goes), got neither")
     if len(given) > 1:

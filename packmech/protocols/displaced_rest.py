@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
 from packmech.calls.status import shown_as
-from packmech.check import BoxStrain, instance, integer, one_of, positive, real
+from packmech.check import BoxStrain, boolean, instance, integer, one_of, positive, real
 from packmech.contacts import Contacts
 from packmech.contacts.exact_gaps import ExactPairs
 from packmech.contacts.network import Candidates, candidate_pairs, pair_contacts
@@ -228,7 +228,7 @@ def displaced_rest(
         contacts are lost, up to a thousand times above: displacements round by 1e-16 of the overlaps there, which are
         a thousand of those at the end, and 1024 discs balance to 3e-11 then.
     pressure
-        Pressure at the end, at most .01 [energy_scale / diameter^d].
+        Pressure at the end [energy_scale / diameter^d]; at most .01, as overlaps are to be small.
     strain
         "isotropic": the box keeps its shape; "free": all strains relax. As the packing was jammed.
     force_tolerance
@@ -262,7 +262,7 @@ def displaced_rest(
     )
     one_of("strain", strain, ("isotropic", "free"))
     limit = integer("step_limit", step_limit, at_least=0)
-    instance("check", check, bool)
+    boolean("check", check)
     began = time.process_time()
     packing, unit = scene.packing, scene.pressure_unit
     d = packing.dimension

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.status import Progress
-from packmech.check import brief, call_fault, instance, integer, positive
+from packmech.check import boolean, brief, call_fault, instance, integer, positive
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
+from packmech.dynamics.observables import COLUMNS
 from packmech.loop.checkpoint import RunsFile
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.result import Outcome, Run
@@ -23,8 +24,8 @@ from packmech.scene import Scene
 
 F = TypeVar("F", bound=Callable[..., Any])
 C = TypeVar("C")
-# what a sample of a strained run takes at least: time, strain, stresses, counts
-SAMPLE_BYTES = 200.0
+# what a sample of a strained run takes
+SAMPLE_BYTES = 8.0 * COLUMNS
 R = TypeVar("R", bound=Run)
 
 
@@ -143,7 +144,7 @@ def check_arguments(
 
     """
     instance("scene", scene, Scene)
-    instance("ledger", ledger, bool)
+    boolean("ledger", ledger)
     refuse_misfits(scene)
     method = checked_method(method)
     start = start_of_motion(scene.packing, velocity_nd, spin_nk, held_n)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from packmech.calls.display import value_with_error
 from packmech.calls.honors import honors
 from packmech.calls.status import Progress
-from packmech.check import check_steps, instance, integer, positive, real, two_axes
+from packmech.check import boolean, check_steps, instance, integer, positive, real, two_axes
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import choose_time_step, stiffness_and_damping
 from packmech.dynamics.ledger import EnergyLedger
@@ -270,7 +270,7 @@ def shear_at_pressure(
     end = positive("applied_strain", applied_strain)
     skip = real("skip_strain", skip_strain, at_least=0.0, below=end)
     integer("blocks", blocks, at_least=2)
-    instance("ledger", ledger, bool)
+    boolean("ledger", ledger)
     tolerance = positive("pressure_tolerance", pressure_tolerance)
     pair = two_axes("axes", axes, dimension=scene.packing.dimension)
     step = choose_time_step(scene, _STEP) if dt is None else positive("dt", dt)

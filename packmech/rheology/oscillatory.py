@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.calls.honors import honors
-from packmech.check import brief, check_memory, check_steps, instance, integer, one_of, positive, real, two_axes
+from packmech.check import (
+    boolean,
+    brief,
+    check_memory,
+    check_steps,
+    integer,
+    one_of,
+    positive,
+    real,
+    two_axes,
+)
 from packmech.dynamics.breaking import numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Increments, OscillatoryStrain, Sine
 from packmech.effects import bonds_of, equal_partners, is_bound, law_second, pair_second
@@ -386,7 +396,7 @@ def oscillatory_shear(
     each = every * samples
     step = 1.0 / (rate * each)
     one_of("strain_path", strain_path, ("exact", "increments"))
-    instance("carried", carried, bool)
+    boolean("carried", carried)
     before, sheared, after = round(pre * each), max(1, round(count * each)), round(post * each)
     rests = before > 0 or after > 0
     # the rate jumps there: in the middle of a step a trapezoidal rule takes no notice

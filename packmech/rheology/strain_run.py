@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from packmech.box import Box
-from packmech.check import check_memory, integer
+from packmech.check import integer
 from packmech.dynamics.breaking import BrokenBonds, numbers_of_broken, rows_of_broken
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.energy_drift import RowWatch
@@ -310,9 +310,7 @@ class StrainTask:
                 second_order=isinstance(settings.method, VelocityVerlet),
                 ledger_every=self._ledger_every(),
             )
-            rows = plan.steps // plan.every
-            check_memory("the record of the run", 8.0 * rows * COLUMNS)
-            self.ledger: Ledger = new_ledger(plan.every, rows)
+            self.ledger: Ledger = new_ledger(plan.every, plan.steps // plan.every)
             self.stop_every = plan.span or max(1, _CHUNK // self.engine.state.body.size)
             self.stop = 0
             self.due_f = np.unique(np.linspace(0, plan.steps, settings.frames).round().astype(np.int64))

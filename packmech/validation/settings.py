@@ -16,7 +16,7 @@ from scipy.stats import binom
 from scipy.stats import t as student
 
 from packmech.calls.status import Progress, check_progress, shows
-from packmech.check import brief, clear_errors, did_you_mean, instance, integer, positive
+from packmech.check import boolean, brief, clear_errors, did_you_mean, integer, positive
 from packmech.files.paths import PathLike
 from packmech.jit.compiled import working_time
 from packmech.result import Run
@@ -152,7 +152,7 @@ def search_settings(
     say: Callable[..., Any],
 ) -> CheapestSettings:
     """Return what `settings_for` does, for starts."""
-    instance("mean", mean, bool)
+    boolean("mean", mean)
     limit = math.inf if time_limit is None else positive("time_limit", time_limit)
     return _Search(starts, targets, knobs, mean, limit).run(say)
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.calls.display import shown
-from packmech.check import brief, clear_errors, entries, function, integer, one_of, positive
+from packmech.check import brief, clear_errors, entries, function, integer, one_of, positive, real
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
@@ -106,8 +106,7 @@ class WorkPrecision:
         else:
             bounds = dict.fromkeys(self.quantities if quantity is None else [self._quantity(quantity)], error_below)
         for name, bound in bounds.items():
-            if not (isinstance(bound, float) and bound == math.inf):
-                bounds[name] = positive(f"error_below of {name!r}", bound)
+            bounds[name] = real(f"error_below of {name!r}", bound, above=0.0, infinite=True)
         good = []
         for method in self.methods:
             finer = True

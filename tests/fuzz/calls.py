@@ -13,6 +13,7 @@ counts. Prints each fault once for each place that it comes from, with the call 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import decimal
 import fnmatch
 import fractions
@@ -322,7 +323,9 @@ def made(asked_for: list[tuple[str, dict[str, str]]], folder: Path) -> Iterator[
         worker = context.Process(target=_make, args=(asked_for[first:], folder, there), daemon=True)
         worker.start()
         there.close()
-        with here:
+        with here, contextlib.ExitStack() as ends:
+            ends.callback(worker.join)
+            ends.callback(worker.kill)
             while first < len(asked_for):
                 name, hostile = asked_for[first]
                 try:
@@ -334,8 +337,6 @@ def made(asked_for: list[tuple[str, dict[str, str]]], folder: Path) -> Iterator[
                 yield found
                 if found is not None and found.where == name:
                     break
-        worker.kill()
-        worker.join()
 
 
 def main() -> int:

@@ -179,7 +179,7 @@ def test_diameter_scales_every_length():
             "relative_overlap must be a finite number below 1",
         ),
         (lambda: pm.lattice_packing("square", diameter=-1.0), "diameter must be a finite number above 0"),
-        (lambda: pm.lattice_packing("square", conventional="yes"), "conventional must be a bool, got"),
+        (lambda: pm.lattice_packing("square", conventional="yes"), "conventional must be True or False, got"),
     ],
 )
 def test_impossible_lattice_is_refused_by_name(call, message):

@@ -182,7 +182,7 @@ def test_a_program_that_handles_sigterm_itself_goes_on_doing_so():
         ({"checkpoint": "run.txt"}, r"checkpoint must end in \.npz"),
         ({"checkpoint_every": 3}, "checkpoint_every must be left out where no checkpoint is given"),
         ({"progress": 3}, "progress must be a function, got 3"),
-        ({"check": 1}, "check must be a bool, got 1"),
+        ({"check": 1}, "check must be True or False, got 1"),
     ],
 )
 def test_settings_are_checked_in_one_place(given, message):

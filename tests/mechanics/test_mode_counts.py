@@ -308,7 +308,7 @@ CHAINS = pm.Scene(pm.chain_packing(2, 4, dimension=2, packing_fraction=0.3, seed
         (lambda: pm.count_modes(SCENE.packing, 1.0), TypeError, "scene must be a Scene"),
         (lambda: pm.count_modes(SCENE, np.nan), ValueError, "below must be finite, got nan"),
         (lambda: pm.count_modes(SCENE, [[1.0]]), ValueError, "below must have shape"),
-        (lambda: pm.count_modes(SCENE, 1.0, signs=2), TypeError, "signs must be a bool, got 2"),
+        (lambda: pm.count_modes(SCENE, 1.0, signs=2), TypeError, "signs must be True or False, got 2"),
         (
             lambda: pm.count_modes(SCENE.replace(effects=(*SPRINGS, pm.Friction(0.3, stiffness=1.0))), 1.0),
             ValueError,

@@ -1,6 +1,7 @@
 """Derivatives of packings at rest are central differences of packings made anew, which share no code with them."""
 
 import functools
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -402,7 +403,22 @@ def test_derivatives_where_a_contact_opens_are_those_of_the_side_where_it_is_one
     assert np.abs(found - slope(closed - outward * 1e-6)).max() > 1e-2 * size
 
 
+@pytest.mark.parametrize("overlap", [9e-10, 1e-10, 1e-11])
+def test_derivatives_of_one_side_are_as_good_as_they_say(overlap):
+    """Of discs in a triangle in a fixed box pressure and bulk modulus by all radii have a closed form."""
+    crystal = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=overlap)
+    scene = pm.Scene(crystal, (pm.Repulsion(law=pm.Harmonic()),))
+    # in units of the diameter at contact: P = sqrt(3) overlap, so that dP/d(ln radius) = sqrt(3), B = sqrt(3)/2
+    found = {of: pm.sensitivity(scene, of, "radius", one_sided=True) for of in ("pressure", "bulk_modulus")}
+    for of, slope in (("pressure", 2.0 * math.sqrt(3.0)), ("bulk_modulus", -math.sqrt(3.0))):
+        assert abs(found[of].gradient.sum() / slope - 1.0) < max(found[of].difference_error, 1e-9)
+
+
 def test_what_has_no_derivative_is_refused_by_name():
+    for overlap in (1e-13, 0.0):
+        bare = pm.lattice_packing("triangular", repeats=(4, 4), relative_overlap=overlap)
+        with pytest.raises(ValueError, match="must have contacts that overlap by more than 1e-12"):
+            pm.sensitivity(pm.Scene(bare, (pm.Repulsion(),)), "pressure", "radius", one_sided=True)
     crystal = pm.lattice_packing("triangular", repeats=(4, 4))
     touching = pm.Scene(crystal, (pm.Repulsion(),))
     with pytest.raises(ValueError, match=r"scene.packing must have contacts that overlap by more than 1e-09"):

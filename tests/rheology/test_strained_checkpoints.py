@@ -142,7 +142,7 @@ def test_the_frictionless_minimum_is_found_once(scene, tmp_path, monkeypatch):
     assert [one.name for one in again.stages] == [one.name for one in whole.stages]
 
 
-def test_a_time_limit_of_several_runs_is_that_of_all_of_them(scene, tmp_path):
+def test_a_time_limit_of_several_runs_is_that_of_all_of_them(scene, tmp_path, monkeypatch):
     given = {"rates": [0.05, 0.1], "applied_strain": 1.0, "skip_strain": 0.2, "samples": 40}
     curve = pm.steady_shear(scene, time_limit=1e-9, check=False, **given)
     assert curve.outcome is pm.Outcome.TIME_LIMIT and np.isnan(curve.stress_r).all()
@@ -153,6 +153,21 @@ def test_a_time_limit_of_several_runs_is_that_of_all_of_them(scene, tmp_path):
     with pytest.raises(pm.NotConverged) as late:
         pm.amplitude_sweep(scene, time_limit=1e-9, **given)
     assert late.value.run.outcome is pm.Outcome.TIME_LIMIT
+    # the second has what the first left of it
+    left = []
+
+    def takes_a_second(*given, time_limit, **named):
+        left.append(time_limit)
+        monkeypatch.setattr("packmech.loop.run_loop.working_time", lambda: 1e9 + len(left))
+        return run(*given, time_limit=None, **named)
+
+    run = pm.oscillatory_shear
+    with monkeypatch.context():
+        monkeypatch.setattr("packmech.rheology.amplitude_sweep.oscillatory_shear", takes_a_second)
+        monkeypatch.setattr("packmech.loop.run_loop.working_time", lambda: 1e9)
+        pm.amplitude_sweep(scene, time_limit=5.0, **{**given, "checkpoint": None})
+    monkeypatch.undo()
+    assert left == [5.0, 4.0]
     # what was reached is in the file, and goes on
     whole = pm.amplitude_sweep(scene, time_limit=1e9, **given)
     given["checkpoint"] = None

@@ -69,7 +69,7 @@ def to_scene(experiment: ParticleShear, discs: ShearedDiscs, *, plates: bool = T
     """
     check.instance("experiment", experiment, ParticleShear)
     check.instance("discs", discs, ShearedDiscs)
-    check.instance("plates", plates, bool)
+    check.boolean("plates", plates)
     if (discs.width, discs.height) != (experiment.width, experiment.height):
         raise ValueError(
             f"discs must be in the experiment's cell of {experiment.width:g} by {experiment.height:g}, "

@@ -307,7 +307,7 @@ class ParticleShear:
         slope = check.real("plateau_slope", self.plateau_slope, at_least=0.0, at_most=1.0)
         for name, value in (("plateau_begin", begin), ("plateau_end", end), ("plateau_slope", slope)):
             object.__setattr__(self, name, value)
-        check.boolean("keep_viscosity", self.keep_viscosity)
+        object.__setattr__(self, "keep_viscosity", check.boolean("keep_viscosity", self.keep_viscosity))
 
     @functools.cached_property
     def mass(self) -> float:

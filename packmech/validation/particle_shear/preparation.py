@@ -88,7 +88,7 @@ def bond_fragments(
     angle = check.real("avoided_angle", avoided_angle, at_least=0.0, below=90.0)
     check.one_of("spanning", spanning, SPANNING)
     removed = check.real("removed_fraction", removed_fraction, at_least=0.0, at_most=1.0)
-    check.instance("cut_top_bottom", cut_top_bottom, bool)
+    check.boolean("cut_top_bottom", cut_top_bottom)
     rng = generator_of(seed, rng)
     avoided = spanning == "avoided" and pieces > (1 if lines is None else 0)
     found = _CellContacts(discs)

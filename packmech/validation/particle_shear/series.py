@@ -69,7 +69,7 @@ def run_series(
     times = check.integer("repetitions", repetitions, at_least=1)
     rng = np.random.default_rng(check.integer("seed", seed, at_least=0))
     wanted = [check.one_of(f"controls[{k}]", one, CONTROLS) for k, one in enumerate(controls)]
-    check.instance("tensors", tensors, bool)
+    check.boolean("tensors", tensors)
     if folder is not None and not pathlib.Path(folder).is_dir():
         raise NotADirectoryError(f"folder must be an existing folder, got {folder}")
     cut = "lines" if preparation.get("lines") is not None else "centers"

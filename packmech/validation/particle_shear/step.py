@@ -144,7 +144,7 @@ class Preparation:
 
     def __post_init__(self) -> None:
         for name in ("bonded", "by_centers", "no_spanning", "cut_top_bottom"):
-            check.boolean(name, getattr(self, name))
+            object.__setattr__(self, name, check.boolean(name, getattr(self, name)))
         check.integer("pieces", self.pieces, at_least=0)
         check.real("avoided_angle", self.avoided_angle, at_least=0.0, at_most=90.0)
         check.real("edge_fuzziness", self.edge_fuzziness, at_least=0.0)
@@ -703,7 +703,7 @@ class StepRules:
         object.__setattr__(self, "time_step", check.positive("time_step", self.time_step))
         object.__setattr__(self, "cooling", check.real("cooling", self.cooling, above=0.0, at_most=1.0))
         for name in ("plates", "clears_forces", "all_spin", "otsuki_flow"):
-            check.boolean(name, getattr(self, name))
+            object.__setattr__(self, name, check.boolean(name, getattr(self, name)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
