@@ -14,39 +14,39 @@ from packmech.loop.run_loop import RunLoop, run_settings
 ENDLESS = {
     "strain": (
         lambda: pm.steady_shear(scene(), rates=[0.1], applied_strain=1e200, skip_strain=0.1, samples=80),
-        r"applied_strain / rate must be at most 9e\+15 steps of",
+        r"applied_strain / rate must be at most 1e\+13 steps of",
     ),
     "rate": (
         lambda: pm.ramp_strain(scene(), rate=1e-300, applied_strain=0.1),
-        r"applied_strain / rate must be at most 9e\+15 steps of .* got 1e\+299",
+        r"applied_strain / rate must be at most 1e\+13 steps of .* got 1e\+299",
     ),
     "frequency": (
         lambda: pm.oscillatory_shear(scene(), amplitude=1e-3, frequency=5e-324, periods=2.0),
-        r"periods / frequency must be at most 9e\+15 steps of .* got inf",
+        r"periods / frequency must be at most 1e\+13 steps of .* got inf",
     ),
     "period": (
         lambda: pm.equilibrate(scene(), amplitude=1e-3, frequency=1e-300),
-        r"1 / frequency must be at most 9e\+15 steps of",
+        r"1 / frequency must be at most 1e\+13 steps of",
     ),
     "creep": (
         lambda: pm.creep(scene(), stress=1e-3, duration=1e200),
-        r"duration must be at most 9e\+15 steps of",
+        r"duration must be at most 1e\+13 steps of",
     ),
     "duration": (
         lambda: pm.simulate(scene(), duration=1.0, dt=1e-300),
-        r"duration must be at most 9e\+15 steps of 1e-300, got 1",
+        r"duration must be at most 1e\+13 steps of 1e-300, got 1",
     ),
     "deform": (
         lambda: pm.deform_at_rate(scene(), rate=1e-300, strain={"xx": -0.1}),
-        r"strain / rate must be at most 9e\+15 steps of",
+        r"strain / rate must be at most 1e\+13 steps of",
     ),
     "at pressure": (
         lambda: pm.shear_at_pressure(scene(), rate=1e-300, pressure=1e-3, applied_strain=0.1, skip_strain=0.0),
-        r"applied_strain / rate must be at most 9e\+15 steps of",
+        r"applied_strain / rate must be at most 1e\+13 steps of",
     ),
     "shear jam": (
         lambda: pm.shear_jam(scene(), pressure=1e-3, rate=1e-300, largest_strain=1.0),
-        r"step / rate must be at most 9e\+15 steps of",
+        r"step / rate must be at most 1e\+13 steps of",
     ),
     "goals": (
         lambda: pm.quasistatic_shear(pressed(), applied_strain=1e-3, step=1e-300),

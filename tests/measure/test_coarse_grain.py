@@ -139,7 +139,11 @@ def test_what_cannot_be_a_grid_is_refused():
         pm.coarse_grain(scene, 0.0)
     with pytest.raises(ValueError, match="shape must be 2 numbers of points"):
         pm.coarse_grain(scene, 1.0, shape=(3, 3, 3))
-    with pytest.raises(ValueError, match="shape must be at most"):
+    with pytest.raises(ValueError, match="width must be so large that 67108864 points are enough, got 1e-06"):
         pm.coarse_grain(scene, 1e-6)
+    with pytest.raises(ValueError, match="shape must be at most"):
+        pm.coarse_grain(scene, 1.0, shape=100_000)
+    with pytest.raises(ValueError, match=r"width and shape must be .* got a width of 100 and 5000 x 5000 points"):
+        pm.coarse_grain(scene, 100.0, shape=5000)
     with pytest.raises(ValueError, match="velocity_nd must"):
         pm.coarse_grain(scene, 1.0, velocity_nd=velocity[:3])
