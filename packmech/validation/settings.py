@@ -130,7 +130,7 @@ def settings_for(
         try:
             drawn = starts_of(*read_scene_tables(scene), str(scene), count, seed)
         except FileNotFoundError as error:
-            raise FileNotFoundError(f"scene{str(error).removeprefix('path')}") from None
+            raise ValueError(f"scene{str(error).removeprefix('path')}") from None
     with shows("settings", check_progress(progress), after=0.0) as say:
         return search_settings(drawn, targets, knobs, mean=mean, time_limit=time_limit, say=say)
 
