@@ -330,7 +330,7 @@ WRONG = [
     ({"bound": "cone"}, ValueError, "bound must be one of 'ball', 'box', got 'cone'"),
     ({"gap_tolerance": np.nan}, ValueError, "gap_tolerance must be a finite number"),
     ({"gap_tolerance": "small"}, TypeError, "gap_tolerance must be a finite number"),
-    ({"rest_tolerance": 0.0}, ValueError, "rest_tolerance must be a finite number above 0, got 0.0"),
+    ({"rest_tolerance": 0.0}, ValueError, "rest_tolerance must be a number, perhaps infinite, above 0, got 0.0"),
     ({"tolerance": -1.0}, ValueError, "tolerance must be a finite number above 0"),
     ({"seed": -1}, ValueError, "seed must be an integer at least 0, got -1"),
     ({"contacts": 7}, TypeError, "contacts must be a Contacts, got 7"),
