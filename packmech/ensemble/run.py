@@ -288,7 +288,8 @@ def complete_folder(
         names = listed("members", members, "names of folders")
         unknown = [brief(name) for name in names if not isinstance(name, str) or name not in known]
         if unknown:
-            raise ValueError(f"members must be folders in {place}, got {', '.join(unknown)}")
+            more = f" and {len(unknown) - 3} more" if len(unknown) > 3 else ""
+            raise ValueError(f"members must be folders in {place}, got {', '.join(unknown[:3])}{more}")
         there = [known[name] for name in names]
     wanted = part_of(there, part)
     _complete(place, wanted, settings, {})

@@ -51,6 +51,8 @@ from packmech.files.vtk_file import VTK
 from packmech.packing import Packing
 
 T = TypeVar("T")
+# letters of an error of a library that a message repeats
+_LONGEST = 300
 
 FORMATS = {one.name: one for one in (NPZ, GSD, PLAIN, CSV, DATA, DUMP, EXTXYZ, VTK)}
 _ENDINGS = {ending: one for one in FORMATS.values() for ending in one.endings}
@@ -477,4 +479,7 @@ def _in_file(path: Path, read: Callable[[], T]) -> T:
     try:
         return read()
     except UNREADABLE as error:
-        raise ValueError(f"path must name a readable packing, got {str(path)!r}: {error}") from error
+        # a damaged archive may put its bytes into the message
+        why = " ".join(str(error).split())
+        why = why if len(why) <= _LONGEST else f"{why[:_LONGEST]}..."
+        raise ValueError(f"path must name a readable packing, got {str(path)!r}: {why}") from error

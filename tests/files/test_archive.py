@@ -117,3 +117,16 @@ def test_what_memory_does_not_hold_is_refused_by_what_the_archive_says(tmp_path,
     monkeypatch.setattr("packmech.check._memory", lambda: 1e6)
     with pytest.raises(ValueError, match=r"a\.npz must be so small that memory holds it, got what takes 8 MB"):
         read_archive(path)
+
+
+def test_what_a_damaged_archive_holds_is_not_the_message(tmp_path):
+    """Where the length of a name is damaged, the library's error repeats thousands of bytes as the name."""
+    path = tmp_path / "long.npz"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("position_nd.npy", 9_000 * b"x")
+    content = bytearray(path.read_bytes())
+    content[26:28] = (6_000).to_bytes(2, "little")
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match="path must name a readable packing.*File name in directory") as found:
+        pm.read_packing(path)
+    assert len(str(found.value)) < 1000

@@ -139,6 +139,7 @@ FOUND = (
     ("coefficient_of_restitution", {"kinds": "pretender"}),
     ("material_constants", {"side": "1e-200"}),
     ("material_constants", {"side": "1e+200"}),
+    ("resume_ensemble", {"members": "long"}),
     ("cement", {"order": "huge range"}),
     ("cement", {"step": "1e+308"}),
     ("oscillatory_shear", {"frequency": "1e+308"}),

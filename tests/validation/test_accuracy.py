@@ -256,7 +256,9 @@ def test_one_bound_is_for_all_quantities_and_bounds_by_name_for_those_named():
     assert table.cheapest(error_below={"energy": 1e-12}) is None
     with pytest.raises(ValueError, match="quantity must be one of"):
         table.cheapest(error_below={"pressure": 1e-3})
-    with pytest.raises(ValueError, match="error_below of 'stress' must be a number, perhaps infinite, above 0, got 0.0"):
+    with pytest.raises(
+        ValueError, match="error_below of 'stress' must be a number, perhaps infinite, above 0, got 0.0"
+    ):
         table.cheapest(error_below={"stress": 0.0})
     lucky = trial(1.0, 0.1, energy=1e-6, stress=1e-6)
     assert pm.WorkPrecision((lucky, *trials), {"only": 0.0}).cheapest(error_below=1e-4).seconds == 2.0
