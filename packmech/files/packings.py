@@ -51,8 +51,8 @@ from packmech.files.vtk_file import VTK
 from packmech.packing import Packing
 
 T = TypeVar("T")
-# letters of an error of a library that a message repeats
-_LONGEST = 300
+# letters at each end of a library's error that a message repeats: what came stands at its end
+_END = 300
 
 FORMATS = {one.name: one for one in (NPZ, GSD, PLAIN, CSV, DATA, DUMP, EXTXYZ, VTK)}
 _ENDINGS = {ending: one for one in FORMATS.values() for ending in one.endings}
@@ -481,5 +481,5 @@ def _in_file(path: Path, read: Callable[[], T]) -> T:
     except UNREADABLE as error:
         # a damaged archive may put its bytes into the message
         why = " ".join(str(error).split())
-        why = why if len(why) <= _LONGEST else f"{why[:_LONGEST]}..."
+        why = why if len(why) <= 2 * _END else f"{why[:_END]} ... {why[-_END:]}"
         raise ValueError(f"path must name a readable packing, got {str(path)!r}: {why}") from error
