@@ -78,8 +78,9 @@ class Spans:
         spin_nk: NDArray[np.float64] | None = None,
         *,
         ledger: bool = False,
+        threads: int = 1,
     ) -> None:
-        self.scene, self.dt, self.steps = scene, dt, 0
+        self.scene, self.dt, self.steps, self._threads = scene, dt, 0, threads
         self.is_crowded = False
         self._keeps_ledger = ledger
         # the engine whose book is the last, and where the tangential springs of bonds are
@@ -209,6 +210,7 @@ class Spans:
             direction_dd=None if still else rate_dd / size if size > 0.0 else np.eye(len(rate_dd)),
             ledger_every=steps if self._keeps_ledger else None,
             bond_stretch_bk=self._bond_stretch_bk,
+            threads=self._threads,
         )
         if engine.book is not None and self._booked is not None:
             engine.go_on_with_book_of(self._booked)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from packmech.check import one_of
 from packmech.contacts.network import distinct_pairs
 from packmech.jit.compiled import kernel
+from packmech.linalg.threads import allowed_threads
 
 Solver = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 # rows from which on supernodes win in two dimensions, too
@@ -183,7 +184,7 @@ class BlockSystem:
             lower = sp.csc_matrix((np.ones(len(index)), index, self._start), shape=(size, size))
             # in the plane minimum fill takes a third of the time of dissection, and its factors are as good to 16384
             order = "amf" if dimension == 2 and particles <= _DISSECTED else "metis"
-            self._symbolic = rslab.analyze(lower, path="ldlt", threads=1, ordering=order)
+            self._symbolic = rslab.analyze(lower, path="ldlt", threads=allowed_threads(), ordering=order)
         else:
             # qdldl reads the upper triangle: where each of its numbers stands in the lower one
             start, row, self._from_lower = _transposed(self._start, index)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from packmech.check import finite_array, one_of
 from packmech.jit.compiled import kernel
 from packmech.linalg.block_factor import Plan, block_size, factor_blocks, growth, plan, solve_blocks
+from packmech.linalg.threads import allowed_threads
 
 BACKENDS = ("blocks", "qdldl", "superlu", "dense", "rslab")
 # a pivot below this fraction of the largest entry of its row has lost all its digits
@@ -448,7 +449,9 @@ def _rslab(matrix: _Stored, known: Any) -> _Found:
     try:
         if known is None or not known.takes(*lower):
             order = "metis" if len(matrix.scale) > _DISSECTED else "auto"
-            known = _Analyzed(lower, lambda triangle: rslab.analyze(triangle, path="ldlt", threads=1, ordering=order))
+            known = _Analyzed(
+                lower, lambda triangle: rslab.analyze(triangle, path="ldlt", threads=allowed_threads(), ordering=order)
+            )
         factor = known.found.factor(lower[0])
     except RuntimeError as error:
         raise _Failed(str(error)) from error

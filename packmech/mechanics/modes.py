@@ -18,6 +18,7 @@ from packmech.calls.status import shown_as
 from packmech.check import BoxStrain, Kind, finite_array, instance, integer, one_of
 from packmech.jit.blas import single_thread
 from packmech.linalg.factor import NotDefinite
+from packmech.linalg.threads import factor_threads
 from packmech.measure.contact_forces import resting_forces, unless_at_rest
 from packmech.mechanics.hessian import check_choices, check_strain_of_box
 from packmech.mechanics.linked_systems import Operator
@@ -171,6 +172,7 @@ def normal_modes(
     rattlers: str = "remove",
     gap_tolerance: float | None = None,
     method: str = "auto",
+    threads: int = 1,
 ) -> Modes:
     """Return the lowest normal modes of a packing, all in a window of frequencies, or all of them.
 
@@ -198,6 +200,9 @@ def normal_modes(
         of about a hundred modes where a window holds more), or "auto": dense for up to 400 rows, for all modes, or for
         more than a quarter of them. Lowest 50, one thread, CPU seconds: 2D N = 1024 .05 against .5; a window of 500, N
         = 102,400: 253, and 5.2 GB.
+    threads
+        Number of threads of the factorizations; it changes no bit. Two pay in space: lowest 30 of 8192
+        spheres 1.6 times as fast, of 65536 discs 1.1.
 
     Returns
     -------
@@ -233,7 +238,8 @@ def normal_modes(
     packing = scene.packing
     mass, dimension = packing.mass_n, packing.dimension
     check_strain_of_box(scene, strain)
-    with single_thread():
+    integer("threads", threads, at_least=1)
+    with single_thread(), factor_threads(threads):
         vibrations = vibrations_of(
             scene, kind, strain=strain, volume_curvature=volume_curvature, strain_scale=strain_scale,
             rattlers=rattlers, gap_tolerance=gap_tolerance,

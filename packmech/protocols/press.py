@@ -163,7 +163,7 @@ class _Pressing:
         d = packing.dimension
         self.answer = _ANSWER * self.tau
         self.modulus = stiff * packing.reference_diameter ** (2 - d)
-        self.spans = Spans(self.scene, self.dt)
+        self.spans = Spans(self.scene, self.dt, threads=protocol.loop.settings.threads)
         self.calm = 0
 
     @property
