@@ -529,10 +529,14 @@ class Solve:
 
 
 class NotConverged(RuntimeError):  # noqa: N818 - the outcome is a value first and an error second
-    """Raised when a run did not reach what was asked for; `.run` holds what it did reach."""
+    """Raised when a run did not reach what was asked for; `.run` holds what it did reach.
+
+    Where it was one of several, as of the rates of a flow curve, `.finished` holds what came of those before, or None.
+    """
 
     def __init__(self, run: Run, message: str = "") -> None:
         self.run = run
+        self.finished: Any = None
         unmet = f" Not met: {'; '.join(map(str, run.unmet))}." if run.unmet else ""
         reached = f"({'' if run.flows else f'residual {run.residual:.3g} '}after {run.steps} steps)"
         super().__init__(message or f"{run.outcome.value}{unmet} {reached}")

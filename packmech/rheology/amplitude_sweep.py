@@ -116,8 +116,9 @@ def amplitude_sweep(
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If a run does not get to its end, as where time is up; its `.run` holds that run, and a checkpoint those before
-        it. Amplitudes whose moduli are unsteady or led by inertia stay in the sweep: `AmplitudeSweep.outcome` says so.
+        If a run does not get to its end, as where time is up; its `.run` holds that run, its `.finished` the sweep of
+        those before, or None, and a checkpoint both. Amplitudes whose moduli are unsteady or led by inertia stay in
+        the sweep: `AmplitudeSweep.outcome` says so.
     KeyboardInterrupt
         Passed on with `.run` set to the sweep of the amplitudes that were finished, or None.
 

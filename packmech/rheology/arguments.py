@@ -19,7 +19,7 @@ from packmech.dynamics.integrators import Method, checked_method, choose_time_st
 from packmech.dynamics.observables import COLUMNS
 from packmech.loop.checkpoint import RunsFile
 from packmech.loop.run_loop import RunLoop, run_settings
-from packmech.result import Outcome, Run
+from packmech.result import NotConverged, Outcome, Run
 from packmech.scene import Scene
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -205,7 +205,8 @@ def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Calla
 
     Where a checkpoint could not be written, OSError is raised at the end, with `.run` set to what is gathered.
     An interrupt is passed on with `.run` set to what is gathered of the runs that were finished, or, where none was, to
-    the one that it stopped; that one is `.unfinished`, too.
+    the one that it stopped; that one is `.unfinished`, too. NotConverged is passed on with what is gathered of the runs
+    before, or None, as `.finished`.
     """
     runs: list[R] = []
     failure: OSError | None = None
@@ -215,6 +216,9 @@ def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Calla
         except KeyboardInterrupt as stop:
             stop.unfinished = getattr(stop, "run", None)  # type: ignore[attr-defined]
             stop.run = gathered(runs) if runs else stop.unfinished  # type: ignore[attr-defined]
+            raise
+        except NotConverged as stop:
+            stop.finished = gathered(runs) if runs else None
             raise
         except OSError as error:
             # its checkpoint could not be written; the run itself is whole

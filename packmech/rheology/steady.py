@@ -315,7 +315,8 @@ def steady_shear(
     TypeError, ValueError
         If an argument is of the wrong kind or out of its bounds.
     NotConverged
-        If a time step is too long, a flow is not steady or time is up, and `check` is set; its `.run` holds that run.
+        If a time step is too long, a flow is not steady or time is up, and `check` is set; its `.run` holds that run,
+        its `.finished` the curve of the rates before, or None.
     KeyboardInterrupt
         Passed on with `.run` set to the curve of the rates that were finished, or None.
 

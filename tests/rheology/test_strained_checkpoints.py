@@ -11,6 +11,7 @@ import packmech as pm
 from packmech.dynamics.engine import Engine
 from packmech.loop import run_loop
 from packmech.loop.checkpoint import read_checkpoint, scene_fingerprints, write_checkpoint
+from packmech.loop.run_loop import RunLoop
 from packmech.rheology import strain_run
 from packmech.rheology.arguments import KIND
 
@@ -172,6 +173,29 @@ def test_a_time_limit_of_several_runs_is_that_of_all_of_them(scene, tmp_path, mo
     whole = pm.amplitude_sweep(scene, time_limit=1e9, **given)
     given["checkpoint"] = None
     np.testing.assert_array_equal(whole.storage_a, pm.amplitude_sweep(scene, **given).storage_a)
+
+
+@pytest.mark.parametrize("call", ["steady_shear", "amplitude_sweep"])
+def test_runs_before_the_one_out_of_time_are_handed_over(call, scene, monkeypatch):
+    given = {
+        "steady_shear": {"rates": [0.05, 0.1], "applied_strain": 1.0, "skip_strain": 0.2, "samples": 40},
+        "amplitude_sweep": {"amplitudes": [1e-3, 2e-3], "frequency": 0.05, "periods": 2},
+    }[call]
+    advance, runs = RunLoop.advance, []
+
+    def second_is_late(loop, task, *named):
+        runs.append(task)
+        return pm.Outcome.TIME_LIMIT if len(runs) == 2 else advance(loop, task, *named)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(RunLoop, "advance", second_is_late)
+        with pytest.raises(pm.NotConverged) as late:
+            getattr(pm, call)(scene, **given)
+    name = "rates" if call == "steady_shear" else "amplitudes"
+    alone = getattr(pm, call)(scene, **{**given, name: given[name][:1]})
+    found = late.value.finished
+    assert len(found.runs) == 1 and bits(found.runs[0]) == bits(alone.runs[0])
+    assert late.value.run.outcome is pm.Outcome.TIME_LIMIT
 
 
 def test_a_run_out_of_time_goes_on_with_the_same_bits(scene, tmp_path):
