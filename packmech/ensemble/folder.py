@@ -20,6 +20,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 import packmech
+from packmech.check import warn
 from packmech.ensemble.members import Member, flattened, state_point_text
 from packmech.files.archive import SEAL, read_archive, write_archive
 from packmech.files.packings import write_packing
@@ -86,12 +87,15 @@ class Found:
         The member.
     result, failure
         What the file holds; None where there is none.
+    damaged
+        Files that are not as they were written and count as none.
 
     """
 
     member: Member
     result: dict[str, Any] | None = None
     failure: dict[str, Any] | None = None
+    damaged: tuple[Path, ...] = ()
 
     @property
     def state(self) -> str:
@@ -232,17 +236,36 @@ def _order(member: Member) -> list[Any]:
 def find(folder: Path, member: Member) -> Found:
     """Return what the folder says of a member; a file that cannot be read whole counts as none."""
     path = folder / WORKSPACE / member.id
-    result = _read(path / RESULT)
-    return Found(member, result, None if result is not None else _read(path / FAILURE))
+    damaged: list[Path] = []
+    result = _read(path / RESULT, damaged)
+    failure = None if result is not None else _read(path / FAILURE, damaged)
+    return Found(member, result, failure, tuple(damaged))
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def find_all(folder: Path, members: Iterable[Member]) -> list[Found]:
+    """Return what the folder says of members, with a warning where files count as none."""
+    found = [find(folder, one) for one in members]
+    damaged = [path for one in found for path in one.damaged]
+    if damaged:
+        warn(
+            f"folder {str(folder)!r} holds {len(damaged)} results or failures that are not as they were written and "
+            f"count as none, the first in {damaged[0].relative_to(folder)}"
+        )
+    return found
+
+
+def _read(path: Path, damaged: list[Path]) -> dict[str, Any] | None:
+    """Return what a file holds, or None; one that is not as it was written is put on the list."""
     try:
         found = json.loads(path.read_bytes())
-    except (FileNotFoundError, ValueError):
+    except FileNotFoundError:
         return None
-    whole = isinstance(found, dict) and found.get(SEAL) == _seal(found)
-    return found if whole else None
+    except ValueError:
+        found = None
+    if isinstance(found, dict) and found.get(SEAL) == _seal(found):
+        return found
+    damaged.append(path)
+    return None
 
 
 def _seal(table: Mapping[str, Any]) -> str:

@@ -17,7 +17,16 @@ from typing import Any, NamedTuple
 
 from packmech.calls.status import Progress, Report, check_progress, shows
 from packmech.check import boolean, brief, clear_errors, function, integer, listed, positive, warn
-from packmech.ensemble.folder import WORKSPACE, FolderError, find, listed_members, make_members, prepare, read_job
+from packmech.ensemble.folder import (
+    WORKSPACE,
+    FolderError,
+    find,
+    find_all,
+    listed_members,
+    make_members,
+    prepare,
+    read_job,
+)
 from packmech.ensemble.jobs import (
     Functions,
     check_functions,
@@ -376,7 +385,7 @@ def _cores() -> int:
 
 def _complete(folder: Path, members: Sequence[Member], settings: MemberSettings, functions: Functions) -> None:
     """Run the members that are missing, and those that failed if they are to be run again."""
-    states = {one.id: find(folder, one).state for one in members}
+    states = {one.member.id: one.state for one in find_all(folder, members)}
     waiting = [one for one in members if states[one.id] == "missing" or (settings.retry and states[one.id] == "failed")]
     failed = 0 if settings.retry else sum(state == "failed" for state in states.values())
     with shows("ensemble", settings.progress) as report:

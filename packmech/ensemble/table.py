@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from packmech.calls.display import in_words, shown
 from packmech.check import brief, chosen_rows, clear_errors, did_you_mean, integer
-from packmech.ensemble.folder import WORKSPACE, Found, find, listed_members, read_arrays, read_job
+from packmech.ensemble.folder import WORKSPACE, Found, find_all, listed_members, read_arrays, read_job
 from packmech.ensemble.members import Grid, Member, members_of
 from packmech.files.packings import read_packing
 from packmech.files.paths import PathLike, file_name
@@ -209,7 +209,7 @@ def read_ensemble(folder: PathLike) -> Ensemble:
     """
     place = file_name("folder", folder, "a folder's name")
     read_job(place)
-    return ensemble_of(place, [find(place, one) for one in listed_members(place)])
+    return ensemble_of(place, find_all(place, listed_members(place)))
 
 
 def ensemble_of(folder: Path, found: Sequence[Found]) -> Ensemble:

@@ -101,8 +101,10 @@ def test_the_folder_is_all_that_is_needed_to_go_on(tmp_path, called):
     names = [one.id for one in listed_members(folder)]
     (folder / "workspace" / names[0] / "result.json").unlink()
     (folder / "workspace" / names[1] / "result.json").write_text("{")  # as a disk without power may leave it
-    assert pm.read_ensemble(folder).counts() == {"done": 1, "failed": 0, "missing": 2}
-    assert pm.resume_ensemble(folder, trust=True, members=names[1:], workers=1).counts()["done"] == 2
+    with pytest.warns(UserWarning, match="not as they were written"):
+        assert pm.read_ensemble(folder).counts() == {"done": 1, "failed": 0, "missing": 2}
+    with pytest.warns(UserWarning, match="not as they were written"):
+        assert pm.resume_ensemble(folder, trust=True, members=names[1:], workers=1).counts()["done"] == 2
     assert pm.resume_ensemble(folder, trust=True, workers=1).counts()["done"] == 3
 
 
@@ -143,9 +145,22 @@ def test_a_result_that_was_changed_counts_as_none(tmp_path, called):
     # with a seal that is not its own, and without one
     for text in (result, {name: one for name, one in result.items() if name != "sha256"}):
         path.write_text(json.dumps(text))
-        assert pm.read_ensemble(folder).counts() == {"done": 2, "failed": 0, "missing": 1}
-    found = pm.run_ensemble(called("square"), {"seed": range(3)}, folder, workers=1)
+        with pytest.warns(UserWarning, match=f"holds 1 results or failures .* the first in workspace/.*{path.name}"):
+            assert pm.read_ensemble(folder).counts() == {"done": 2, "failed": 0, "missing": 1}
+    with pytest.warns(UserWarning, match="are not as they were written and count as none"):
+        found = pm.run_ensemble(called("square"), {"seed": range(3)}, folder, workers=1)
     assert sorted(found["square"].tolist()) == [0, 1, 4]
+
+
+def test_a_failure_that_was_changed_counts_as_none(tmp_path):
+    folder = tmp_path / "out"
+    with pytest.warns(UserWarning, match="1 of 1 members failed"):
+        pm.run_ensemble("default", {"seed": [0]}, folder, measures=["no such figure"], workers=1)
+    path = folder / "workspace" / listed_members(folder)[0].id / "failure.json"
+    failure = json.loads(path.read_text())
+    path.write_text(json.dumps({**failure, "message": "all is well"}))
+    with pytest.warns(UserWarning, match="holds 1 results or failures .* the first in workspace/.*failure.json"):
+        assert pm.read_ensemble(folder).counts() == {"done": 0, "failed": 0, "missing": 1}
 
 
 def test_a_table_is_read_back_to_the_last_bit_from_either_format(tmp_path, called):
