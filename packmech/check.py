@@ -28,6 +28,8 @@ _LARGEST = 2**63 - 1
 LARGEST_FLOAT = sys.float_info.max
 # bytes that a particle takes at least while something is done with it: coordinates, radii, its share of a pair list
 PARTICLE_BYTES = 200.0
+# bytes that a frame takes at least: its time, strain and place in a list
+FRAME_BYTES = 24.0
 # steps of time that take months, however few the particles
 MOST_STEPS = 1e13
 Word = TypeVar("Word", bound=str)

@@ -13,7 +13,7 @@ import numpy as np
 from cyclopts import Parameter
 
 import packmech as pm
-from packmech.check import integer, one_of
+from packmech.check import FRAME_BYTES, integer, one_of
 from packmech.cli import FAILED, INTERRUPTED, OK
 from packmech.cli.changes import UNCHANGED, Changes
 from packmech.cli.output import (
@@ -63,7 +63,7 @@ class Pictures:
     def __post_init__(self) -> None:
         one_of("format", self.format, ("png", "svg"))
         if self.frames is not None:
-            integer("frames", self.frames, at_least=2)
+            integer("frames", self.frames, at_least=2, bytes_each=FRAME_BYTES)
             made_folder("pictures", self.folder)
         if self.live is not None:
             from packmech.view.live import check_live_target

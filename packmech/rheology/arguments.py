@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from packmech.calls.status import Progress
-from packmech.check import boolean, brief, call_fault, instance, integer, positive
+from packmech.check import FRAME_BYTES, boolean, brief, call_fault, instance, integer, positive
 from packmech.dynamics.engine import refuse_misfits
 from packmech.dynamics.integrators import Method, checked_method, choose_time_step, start_of_motion
 from packmech.dynamics.observables import COLUMNS
@@ -155,7 +155,7 @@ def check_arguments(
         method,
         *start,
         choose_time_step(scene, method.fraction) if dt is None else positive("dt", dt),
-        integer("frames", frames, at_least=0, bytes_each=24.0),
+        integer("frames", frames, at_least=0, bytes_each=FRAME_BYTES),
         RunLoop(run_settings(time_limit=time_limit, progress=progress, check=check)),
         runs_file(checkpoint),
         ledger,

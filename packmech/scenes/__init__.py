@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from packmech.calls.status import Progress, check_progress
-from packmech.check import brief, clear_errors, instance, integer
+from packmech.check import FRAME_BYTES, brief, clear_errors, instance, integer
 from packmech.scene import Scene, drive_code
 
 
@@ -55,7 +55,7 @@ def run(
     instance("scene", scene, Scene)
     if scene.drive is None:
         raise ValueError("scene must have a drive to be run, got none")
-    integer("frames", frames, at_least=0, bytes_each=24.0)
+    integer("frames", frames, at_least=0, bytes_each=FRAME_BYTES)
     check_progress(progress)
     if checkpoint is not None and not takes_checkpoint(scene):
         raise ValueError(f"checkpoint must be left out for a drive that keeps none, got {brief(checkpoint)}")

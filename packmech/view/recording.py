@@ -20,7 +20,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from packmech.calls.status import shown_as
-from packmech.check import instance, integer, table
+from packmech.check import FRAME_BYTES, instance, integer, table
 from packmech.contacts import Contacts, find_contacts
 from packmech.contacts.network import pair_contacts
 from packmech.contacts.pairs import pair_names
@@ -642,7 +642,7 @@ def record_run(
     """
     instance("run", run, Run)
     instance("scene", scene, Scene)
-    frames = integer("frames", frames, at_least=2, bytes_each=24.0)
+    frames = integer("frames", frames, at_least=2, bytes_each=FRAME_BYTES)
     check_arguments(path, parameters, results)
     if run.packing.particles != scene.packing.particles:
         raise ValueError(f"scene must have the run's {run.packing.particles} particles, got {scene.packing.particles}")
@@ -897,7 +897,7 @@ def record_motion(
 
     """
     instance("played", played, PlayedMotion)
-    frames = integer("frames", frames, at_least=2, bytes_each=24.0)
+    frames = integer("frames", frames, at_least=2, bytes_each=FRAME_BYTES)
     check_arguments(path, parameters, results)
     chosen = np.unique(np.rint(np.linspace(0, played.steps, min(frames, played.steps + 1))).astype(int))
     shown = tuple(PackingFrame(int(t), float(t), played.packing_t[t]) for t in chosen)

@@ -409,7 +409,7 @@ class ParticleShear:
 
         """
         check.instance("start", start, ShearedDiscs)
-        check.integer("frames", frames, at_least=0, bytes_each=24.0)
+        check.integer("frames", frames, at_least=0, bytes_each=check.FRAME_BYTES)
         if start.time != 0.0:
             raise ValueError(f"start must be at time 0, got {start.time:g} s")
         if (start.width, start.height) != (self.width, self.height):
