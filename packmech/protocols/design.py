@@ -319,9 +319,9 @@ def design(
 ) -> Design:
     """Return the run that changes a scene until a figure of it is as large, or as small, as asked for.
 
-    Derivatives of the figure by all numbers (`sensitivity`, one-sided where pairs are about to touch or to part) say how
-    to change them. Each packing on the way is brought to rest again in its box, a hard one jammed again, so that every
-    figure is that of a packing that is there.
+    Derivatives of the figure by all numbers (`sensitivity`, one-sided where pairs are about to touch or to part) say
+    how to change them. Each packing on the way is brought to rest again in its box, a hard one jammed again, so that
+    every figure is that of a packing that is there.
 
     Parameters
     ----------
