@@ -143,7 +143,9 @@ class ContactSystem:
         self.system, self.normal_cd, self.basis_kdd = system, normal_cd, basis_kdd
         self.live_n = np.ones(system.particles, dtype=bool) if live_n is None else live_n
         self.shape = (system.particles, system.dimension)
-        self.stretch_ck = np.einsum("ca,kab,cb->ck", normal_cd, basis_kdd, vector_cd)
+        # n . e v of each strain
+        dyad_cq = (normal_cd[:, :, None] * vector_cd[:, None, :]).reshape(len(normal_cd), -1)
+        self.stretch_ck = dyad_cq @ basis_kdd.reshape(len(basis_kdd), dyad_cq.shape[1]).T
         self.load_k = np.einsum("kaa->k", basis_kdd) * system.particles
 
     def factor(self, weight_c: NDArray[np.float64], hold_n: NDArray[np.float64], hold: float) -> None:
@@ -181,7 +183,7 @@ class ContactSystem:
         """Return (u, strain) with A^T W A (u, strain) = (net, load)."""
         rough = self.factored.solve(net)
         strain_k = np.linalg.solve(self.corner, load_k - self.coupling.T @ rough)
-        return (rough - self.relaxed @ strain_k).reshape(self.shape), strain_k
+        return (rough - self.relaxed @ strain_k).reshape(self.shape), np.asarray(strain_k, dtype=np.float64)
 
     def moved(self, packing: Packing, u_nd: NDArray[np.float64], strain_k: NDArray[np.float64]) -> Packing:
         """Return the packing displaced by u, then strained."""
@@ -312,9 +314,14 @@ class _InteriorStep:
         return u_nd, strain_k, slack, force
 
 
-def _largest_step(value: NDArray[np.float64], change: NDArray[np.float64]) -> float:
-    falling = change < 0.0
-    return float((-value[falling] / change[falling]).min(initial=_ENDLESS))
+@kernel
+def _largest_step(value, change):  # type: ignore[no-untyped-def]
+    """Return the largest step along a change that keeps every value positive."""
+    largest = _ENDLESS
+    for c in range(value.shape[0]):
+        if change[c] < 0.0:
+            largest = min(largest, -value[c] / change[c])
+    return largest
 
 
 def _at_barrier(

@@ -229,9 +229,13 @@ def _block_places(size, index, start):  # type: ignore[no-untyped-def]
 
 def plan(size: int, index: NDArray[np.int32], start: NDArray[np.int32]) -> Plan:
     """Return what the places of the entries decide, for a matrix that is made of blocks of a size."""
-    column, begin = _block_places(size, index, start)
-    order = _minimum_degree(column, begin)
-    return Plan(size, column, begin, order, *_places(order, column, begin))
+    return plan_blocks(size, *_block_places(size, index, start))
+
+
+def plan_blocks(size: int, column_k: NDArray[np.int32], start: NDArray[np.int32]) -> Plan:
+    """Return the same from the places of the blocks, those of each row in order."""
+    order = _minimum_degree(column_k, start)
+    return Plan(size, column_k, start, order, *_places(order, column_k, start))
 
 
 @kernel

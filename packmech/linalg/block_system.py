@@ -7,6 +7,7 @@ then costs the numbers only. A particle's own image moves with it and adds nothi
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,90 +17,91 @@ from numpy.typing import NDArray
 
 from packmech.check import one_of
 from packmech.contacts.network import distinct_pairs
-from packmech.jit.compiled import kernel
+from packmech.jit.compiled import device, kernel
+from packmech.linalg.block_factor import factor_blocks, plan_blocks, solve_blocks
 from packmech.linalg.threads import allowed_threads
 
 Solver = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-# rows from which on supernodes win in two dimensions, too
-_LARGE = 2000
+# particles from which on supernodes win
+_LARGE = {2: 2500, 3: 200}
 # particles beyond which the plane is dissected
 _DISSECTED = 20_000
 
 
-def _pattern(
-    i_c: NDArray[np.int64], j_c: NDArray[np.int64], particles: int, d: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Return each pair's place in its row of blocks, and the lower triangle's column pointers and row numbers."""
-    row, neighbor, pair_c = distinct_pairs(i_c, j_c)
-    first = np.searchsorted(row, np.arange(particles + 1))
-    slot = np.arange(len(row)) - first[row]
-    length = d - np.arange(d) + d * np.diff(first)[:, None]
-    start = np.concatenate([[0], np.cumsum(length)])
-    column = start[:-1].reshape(particles, d)
-    index = np.empty(start[-1], dtype=np.int64)
-    for b in range(d):
-        for a in range(b, d):
-            index[column[:, b] + a - b] = np.arange(particles) * d + a
-        for a in range(d):
-            index[column[row, b] + d - b + d * slot + a] = neighbor * d + a
-    slot_c = np.full(len(i_c), -1)
+class _Pattern(NamedTuple):
+    """Where the d x d blocks stand, row by row and by column in each row.
+
+    Column of each block and first block of each row; the block of each particle with itself, and those of each contact,
+    (i, j) and (j, i), -1 where it is with an own image.
+    """
+
+    column_k: NDArray[np.int32]
+    start: NDArray[np.int32]
+    own_n: NDArray[np.int64]
+    place_cs: NDArray[np.int64]
+
+
+def _pattern(i_c: NDArray[np.int64], j_c: NDArray[np.int64], particles: int) -> _Pattern:
+    one, other, pair_c = distinct_pairs(i_c, j_c)
+    own = np.arange(particles)
+    row, column = np.concatenate([own, one, other]), np.concatenate([own, other, one])
+    order = np.lexsort((column, row))
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.arange(len(order))
+    place_cs = np.full((len(i_c), 2), -1)
     apart = i_c != j_c
-    slot_c[apart] = slot[pair_c[apart]]
-    return slot_c, start, index
+    for side in range(2):
+        place_cs[apart, side] = place[particles + side * len(one) + pair_c[apart]]
+    start = np.searchsorted(row[order], np.arange(particles + 1))
+    return _Pattern(column[order].astype(np.int32), start.astype(np.int32), place[:particles], place_cs)
+
+
+@device
+def _corner(pattern: Any, d: Any, row: Any, k: Any) -> Any:
+    """Return where the first number of a block stands: the first lines of a row's blocks stand side by side."""
+    return d * d * pattern.start[row] + d * (k - pattern.start[row])
 
 
 @kernel
-def _assemble(i_c, j_c, slot_c, normal, along, across, extra_n, start, data):  # type: ignore[no-untyped-def]
-    """Add the blocks of all contacts, in order, to the lower triangle; return the particle of the stiffest row."""
+def _assemble(i_c, j_c, pattern, normal, along, across, extra_n, pin, data):  # type: ignore[no-untyped-def]
+    """Add the blocks of all contacts, in order; return the particle of the stiffest row, which is held to pin it."""
     d = normal.shape[1]
+    start = pattern.start
     data[:] = 0.0
     for c in range(i_c.shape[0]):
-        if slot_c[c] < 0:
+        if pattern.place_cs[c, 0] < 0:
             continue
-        i = i_c[c]
-        j = j_c[c]
-        for b in range(d):
-            at_i = start[i * d + b] - b
-            at_j = start[j * d + b] - b
-            off = start[i * d + b] + (d - b) + d * slot_c[c]
+        for side in range(2):
+            row = i_c[c] if side == 0 else j_c[c]
+            line = d * (start[row + 1] - start[row])
+            own, off = _corner(pattern, d, row, pattern.own_n[row]), _corner(pattern, d, row, pattern.place_cs[c, side])
             for a in range(d):
-                value = (along[c] - across[c]) * normal[c, a] * normal[c, b]
-                if a == b:
-                    value += across[c]
-                if a >= b:
-                    data[at_i + a] += value
-                    data[at_j + a] += value
-                data[off + a] -= value
+                for b in range(d):
+                    value = (along[c] - across[c]) * normal[c, a] * normal[c, b]
+                    if a == b:
+                        value += across[c]
+                    data[own + a * line + b] += value
+                    data[off + a * line + b] -= value
     stiffest = 0
     most = -1.0
     for i in range(extra_n.shape[0]):
         trace = 0.0
-        for b in range(d):
-            trace += data[start[i * d + b]]
-            data[start[i * d + b]] += extra_n[i]
+        first, next_one = _corner(pattern, d, i, pattern.own_n[i]), d * (start[i + 1] - start[i]) + 1
+        for a in range(d):
+            trace += data[first + a * next_one]
+            data[first + a * next_one] += extra_n[i]
         if trace > most:
             most = trace
             stiffest = i
+    if pin:
+        first = _corner(pattern, d, stiffest, pattern.own_n[stiffest])
+        next_one = d * (start[stiffest + 1] - start[stiffest]) + 1
+        hold = 1e-300
+        for a in range(d):
+            hold = max(hold, data[first + a * next_one])
+        for a in range(d):
+            data[first + a * next_one] += hold
     return stiffest
-
-
-@kernel
-def _transposed(start, index):  # type: ignore[no-untyped-def]
-    """Return column pointers and row numbers of the transposed pattern, and where each of its numbers was before."""
-    size = start.shape[0] - 1
-    other = np.zeros(size + 1, np.int64)
-    for k in range(index.shape[0]):
-        other[index[k] + 1] += 1
-    for row in range(size):
-        other[row + 1] += other[row]
-    place = other[:-1].copy()
-    row_k, from_k = np.empty_like(index), np.empty_like(index)
-    for column in range(size):
-        for k in range(start[column], start[column + 1]):
-            to = place[index[k]]
-            row_k[to], from_k[to] = column, k
-            place[index[k]] += 1
-    return other, row_k, from_k
 
 
 @kernel
@@ -146,11 +148,12 @@ class BlockSystem:
     particles, dimension
         N and d.
     backend
-        "qdldl", "rslab" (supernodal, ordered by minimum fill in the plane up to 20000 particles, else by dissection)
-        or "auto": rslab in three dimensions and from 2000 rows on where it is installed, else qdldl. Measured, CPU
-        milliseconds of one factorization of the pairs within 1.35 diameters, qdldl and rslab: 2D N = 1024: 2.4 and
-        2.2; 4096: 30 and 12; 16384 (another machine): 540 and 88; 3D N = 1024, within 1.3 diameters: 190 and 28; of
-        the order, by minimum fill and by dissection: 2D N = 4096: 8 and 22; 16384: 37 and 107.
+        "blocks" (minimum degree), "rslab" (supernodal, ordered by minimum fill in the plane up to 20000 particles, else
+        by dissection) or "auto": rslab for many particles where it is installed, else blocks. Measured, CPU
+        milliseconds of a factorization of the pairs within 1.35 diameters, blocks and rslab: 2D N = 256: .17 and .35;
+        1024: 1.2 and 2.4; 2048: 4.8 and 6.0; 4096: 16 and 13; 3D, within 1.3 diameters: N = 64: .15 and .67; 256: 5.5
+        and 5.3; 1024: 109 and 30; of the order, by minimum fill and by dissection: 2D N = 4096: 8 and 22; 16384: 37 and
+        107.
 
     """
 
@@ -163,32 +166,36 @@ class BlockSystem:
         *,
         backend: str = "auto",
     ) -> None:
-        # a quick command quenches first, and SciPy's sparse matrices take 0.2 s to import
-        import scipy.sparse as sp
-
-        one_of("backend", backend, ("auto", "rslab", "qdldl"))
+        one_of("backend", backend, ("auto", "rslab", "blocks"))
         if backend == "auto":
-            large = particles * dimension >= _LARGE or dimension == 3
-            backend = "rslab" if large and importlib.util.find_spec("rslab") else "qdldl"
+            large = particles >= _LARGE[dimension] and importlib.util.find_spec("rslab")
+            backend = "rslab" if large else "blocks"
         self.backend = backend
         self.particles, self.dimension = particles, dimension
         self.i_c, self.j_c = i_c, j_c
-        size = particles * dimension
-        self._slot_c, self._start, index = _pattern(i_c, j_c, particles, dimension)
-        self._data = np.empty(len(index))
-        self._symbolic: Any = None
-        self._found: Any = None
-        if backend == "rslab":
-            import rslab
-
-            lower = sp.csc_matrix((np.ones(len(index)), index, self._start), shape=(size, size))
-            # in the plane minimum fill takes a third of the time of dissection, and its factors are as good to 16384
-            order = "amf" if dimension == 2 and particles <= _DISSECTED else "metis"
-            self._symbolic = rslab.analyze(lower, path="ldlt", threads=allowed_threads(), ordering=order)
+        self._places = _pattern(i_c, j_c, particles)
+        self._data = np.empty(len(self._places.column_k) * dimension**2)
+        self._analyzed: Any = None
+        if backend == "blocks":
+            self._analyzed = plan_blocks(dimension, self._places.column_k, self._places.start)
         else:
-            # qdldl reads the upper triangle: where each of its numbers stands in the lower one
-            start, row, self._from_lower = _transposed(self._start, index)
-            self._upper = sp.csc_matrix((np.ones(len(index)), row, start), shape=(size, size))
+            self._analyze_with_rslab()
+
+    def _analyze_with_rslab(self) -> None:
+        # a quick command quenches first, and SciPy's sparse matrices take 0.2 s to import
+        import rslab
+        import scipy.sparse as sp
+
+        d, places, size = self.dimension, self._places, self.particles * self.dimension
+        # the lower triangle by columns is the upper one by rows
+        row, column = _numbers_of(d, places.column_k, places.start)
+        self._of_triangle = np.flatnonzero(column >= row)
+        start = np.searchsorted(row[self._of_triangle], np.arange(size + 1))
+        ones, index = np.ones(len(self._of_triangle)), column[self._of_triangle]
+        lower = sp.csc_matrix((ones, index, start), shape=(size, size))
+        # in the plane minimum fill takes a third of the time of dissection, and its factors are as good to 16384
+        order = "amf" if d == 2 and self.particles <= _DISSECTED else "metis"
+        self._analyzed = rslab.analyze(lower, path="ldlt", threads=allowed_threads(), ordering=order)
 
     def factor(
         self,
@@ -221,44 +228,33 @@ class BlockSystem:
         """
         across = np.zeros_like(along_c) if across_c is None else across_c
         extra = np.zeros(self.particles) if extra_n is None else extra_n
-        data, d = self._data, self.dimension
-        pinned = int(_assemble(self.i_c, self.j_c, self._slot_c, normal_cd, along_c, across, extra, self._start, data))
-        if pin:
-            diagonal = self._start[pinned * d : pinned * d + d]
-            data[diagonal] += max(float(data[diagonal].max()), 1e-300)
-        if self._symbolic is not None:
-            try:
-                found = self._symbolic.factor(data)
-            except RuntimeError as failure:
-                raise np.linalg.LinAlgError(f"system must not be singular: {failure}") from None
-
-            def solve(right: NDArray[np.float64]) -> NDArray[np.float64]:
-                one = right.ndim == 1
-                answer: NDArray[np.float64] = found.solve(right) if one else found.solve_many(np.asfortranarray(right))
-                return answer
-
-            return Factored(solve, int(found.inertia[1]), pinned)
-        return self._factor_qdldl(data, pinned)
-
-    def _factor_qdldl(self, data: NDArray[np.float64], pinned: int) -> Factored:
-        import qdldl
-
-        self._upper.data = data[self._from_lower]
+        data, analyzed = self._data, self._analyzed
+        pinned = int(_assemble(self.i_c, self.j_c, self._places, normal_cd, along_c, across, extra, pin, data))
+        if self.backend == "blocks":
+            factors = factor_blocks(data, analyzed)
+            if factors is None:
+                raise np.linalg.LinAlgError("system must not be singular: a pivot vanished")
+            negative = int((factors.pivot_nq < 0.0).sum())
+            return Factored(functools.partial(solve_blocks, analyzed, factors), negative, pinned)
         try:
-            if self._found is None:
-                self._found = qdldl.Solver(self._upper, upper=True)
-            else:
-                self._found.update(self._upper, upper=True)
-        except (RuntimeError, ValueError) as failure:
-            self._found = None
+            found = analyzed.factor(data[self._of_triangle])
+        except RuntimeError as failure:
             raise np.linalg.LinAlgError(f"system must not be singular: {failure}") from None
-        found = self._found
-        # L and D of the solver are those of its last update: an older Factored must not be used any more
-        pivots = found.factors()[1]
 
         def solve(right: NDArray[np.float64]) -> NDArray[np.float64]:
-            if right.ndim == 1:
-                return np.asarray(found.solve(right))
-            return np.stack([found.solve(np.ascontiguousarray(column)) for column in right.T], axis=1)
+            one = right.ndim == 1
+            answer: NDArray[np.float64] = found.solve(right) if one else found.solve_many(np.asfortranarray(right))
+            return answer
 
-        return Factored(solve, int((pivots < 0).sum()), pinned)
+        return Factored(solve, int(found.inertia[1]), pinned)
+
+
+def _numbers_of(
+    d: int, column_k: NDArray[np.int32], start: NDArray[np.int32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return row and column of every number of a matrix of d x d blocks, row by row."""
+    length = np.repeat(np.diff(start).astype(np.int64), d)
+    row = np.repeat(np.arange(len(length)), d * length)
+    first = np.repeat(start[:-1].astype(np.int64), d)
+    place = np.arange(len(row)) - np.repeat(d * (np.cumsum(length) - length), d * length)
+    return row, d * column_k[np.repeat(first, d * length) + place // d] + place % d

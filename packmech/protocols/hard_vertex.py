@@ -11,7 +11,7 @@ from packmech.box import Box
 from packmech.check import integer, positive, real
 from packmech.constraints.projection import scale_box
 from packmech.contacts.network import find_contacts
-from packmech.contacts.overlaps import largest_overlap
+from packmech.contacts.shape_contacts import touching_pairs
 from packmech.effects import at_distances
 from packmech.jamming.hard_packing import HardPacking, HardState, certify, densify, search_hard, start_state
 from packmech.jamming.hard_start import settled_start
@@ -311,15 +311,16 @@ def certified(protocol: Protocol, state: HardState, like: Packing) -> HardPackin
 
 
 def set_apart(packing: Packing) -> Packing | None:
-    """Return the packing of discs or spheres with its box grown until none overlap; None where they overlap by a tenth.
+    """Return the packing of discs or spheres with its box grown until none touch; None where they overlap by a tenth.
 
     Beyond the largest overlap it grows by no more than rounding asks for.
     """
     slack = np.finfo(float).eps
-    while (overlap := largest_overlap(packing)) is not None:
-        if overlap.relative > 0.1:
+    while len(near := touching_pairs(packing)):
+        overlap = max(0.0, float(near.overlap_c.max()))
+        if overlap > 0.1:
             return None
-        packing = scale_box(packing, (1.0 + slack) / (1.0 - overlap.relative))
+        packing = scale_box(packing, (1.0 + slack) / (1.0 - overlap))
         slack *= 2.0
     return packing
 
