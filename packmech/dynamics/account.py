@@ -64,7 +64,7 @@ from packmech.dynamics.friction import (
     turning_axes,
 )
 from packmech.dynamics.stretches import inner_stretches
-from packmech.dynamics.threads import is_first, wait
+from packmech.jit.threads import is_first, wait
 from packmech.dynamics.wall_friction import (
     MovingWall,
     VisitedWalls,

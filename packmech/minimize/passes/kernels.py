@@ -19,9 +19,10 @@ from packmech.constraints.compiled_links import add_tensions, project_forces, pr
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
+from packmech.jit.threads import share, some_failed, wait
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
 from packmech.minimize.passes.kind_rows import partners_of_rows
-from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
+from packmech.minimize.passes.pair_list import NO_SLOT, collect, first_pair_of, follow, inner_pairs, is_stale, visit, walk, walk_blocks
 from packmech.minimize.passes.shape_rows import (
     RowLaws,
     by_shape,
@@ -40,7 +41,7 @@ from packmech.minimize.passes.single_rows import push_rows, survey_rows
 RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
 
 # rows whose forces are completed, and then summed over, together
-_BLOCK = 256
+_TOGETHER = 256
 
 
 class Goal(NamedTuple):
@@ -100,8 +101,18 @@ _stretch = by_type(lambda virial, x, y, z, dx, dy, dz: None, {Virial: _add_viria
 
 
 @device
-def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j, dx, dy, dz, square, partners):
+def _fill_slot(axes, slot_qd, slot, x, y, z):
+    slot_qd[slot, 0] = x
+    slot_qd[slot, 1] = y
+    if len(axes) == 3:
+        slot_qd[slot, 2] = z
+
+
+@device
+def _push_round(shapes, laws, pushing, pair, square, partners):
     """Add the forces of a touching pair of discs or spheres, and return their size, and 1."""
+    axes, force_nd, velocity_nd = laws.axes, pushing.force_nd, pushing.velocity_nd
+    i, j, dx, dy, dz = pair.i, pair.j, pair.dx, pair.dy, pair.dz
     r = math.sqrt(square)
     inverse = 1.0 / r
     # what coincides has a direction to part along, but no distance
@@ -113,16 +124,20 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j,
     if len(axes) == 3:
         rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
     rate *= inverse
-    first = _slope(effects, r, partners, rate)
+    first = _slope(laws.effects, r, partners, rate)
     push = first * inverse
     force_nd[i, 0] += push * dx
     force_nd[i, 1] += push * dy
-    force_nd[j, 0] -= push * dx
-    force_nd[j, 1] -= push * dy
     if len(axes) == 3:
         force_nd[i, 2] += push * dz
-        force_nd[j, 2] -= push * dz
-    _stretch(virial, push * dx, push * dy, push * dz, apart_x, apart_y, apart_z)
+    if pair.slot == NO_SLOT:
+        force_nd[j, 0] -= push * dx
+        force_nd[j, 1] -= push * dy
+        if len(axes) == 3:
+            force_nd[j, 2] -= push * dz
+    else:
+        _fill_slot(axes, pushing.slot_qd, pair.slot, -push * dx, -push * dy, -push * dz)
+    _stretch(pushing.virial, push * dx, push * dy, push * dz, apart_x, apart_y, apart_z)
     return abs(first), 1
 
 
@@ -155,8 +170,14 @@ def _law(effects, rho, partners):
 
 
 @inlined
-def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j, dx, dy, dz, square, partners):
-    """Do the same for two shapes whose surrounding discs or spheres overlap; torques go to the rows of the turns."""
+def _push_shaped(shapes, laws, pushing, pair, square, partners):
+    """Do the same for two shapes whose surrounding discs or spheres overlap; torques go to the rows of the turns.
+
+    Shapes are in one block, so that no pair has a slot.
+    """
+    effects, axes, row = laws.effects, laws.axes, laws.body
+    force_nd, velocity_nd, virial = pushing.force_nd, pushing.velocity_nd, pushing.virial
+    i, j, dx, dy, dz = pair.i, pair.j, pair.dx, pair.dy, pair.dz
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
         small = 1e-9 * partners.contact_distance
@@ -208,10 +229,11 @@ _push_pair = by_shape(_push_round, _push_shaped, _push_shaped)
 
 
 class _PushingRows(NamedTuple):
-    """The visitor that adds the forces of touching pairs to rows; the value is their total and number."""
+    """The visitor that adds the forces of touching pairs to rows and slots; the value is their total and number."""
 
     force_nd: NDArray[np.float64]
     velocity_nd: NDArray[np.float64]
+    slot_qd: NDArray[np.float64]
     virial: Any
 
 
@@ -230,39 +252,49 @@ def _push_listed(pushing, laws, pair, value):
     square, partners = _near(laws, pair)
     total, touching = value
     if square < partners.contact_distance * partners.contact_distance:
-        more, one = _push_pair(
-            laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pushing.velocity_nd, pushing.virial,
-            pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, partners,
-        )  # fmt: skip
+        more, one = _push_pair(laws.shapes, laws, pushing, pair, square, partners)
         total += more
         touching += one
+    elif pair.slot != NO_SLOT:
+        _fill_slot(laws.axes, pushing.slot_qd, pair.slot, 0.0, 0.0, 0.0)
     return total, touching
 
 
-@inner_lean
-def force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial):
-    """Add the forces of touching pairs to force_nd, which was zero, and to a Virial or None; return the Sums."""
-    n = pairs.anchor_nd.shape[0]
-    shapes = shapes_of(effects)
-    keep_turned(shapes, row)
-    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd, virial)
-    listed = inner_pairs(pairs)
-    low, special, end = pairs.start_s[0], pairs.start_s[1], pairs.start_s[2]
+# columns of PairList.sum_bk
+_TOTAL, _TOUCHING, _POWER, _SQUARE, _LARGEST, _SPEED2, _FASTEST2 = range(7)
+
+
+@inlined
+def _walk_special(pushing, laws, pairs, b):
+    """Add the forces of pairs of a block with an image or a row of another block, whose force goes to a slot."""
+    start, sums = pairs.start_s, pairs.sum_bk[b]
+    # a whole number of its type, so that both walks are one function
+    total, touching = walk(
+        pushing, laws, inner_pairs(pairs), start[2 * b + 1], start[2 * b + 1], start[2 * b + 2], (0.0, np.int64(0))
+    )
+    sums[_TOTAL] = total
+    sums[_TOUCHING] = touching
+
+
+@inlined
+def _complete_rows(pushing, laws, pairs, b):
+    """Add all other forces on the rows of a block, and sum up over them."""
+    axes, force_nd, velocity_nd = laws.axes, pushing.force_nd, pushing.velocity_nd
+    sums, listed = pairs.sum_bk[b], inner_pairs(pairs)
+    collect(axes, (), pairs.slots, force_nd, b)
+    first, last = pairs.row_b[b], pairs.row_b[b + 1]
+    low, special = pairs.start_s[2 * b], pairs.start_s[2 * b + 1]
+    total, touching = sums[_TOTAL], np.int64(sums[_TOUCHING])
     power = 0.0
     whole = 0.0
     largest = 0.0
-    # a whole number of its type, so that both walks are one function
-    total, touching = walk(pushing, laws, listed, special, special, end, (0.0, np.int64(0)))
-    more, pushed = push_interactions(shapes, effects, axes, row, force_nd, pairs)
-    total += more
-    touching += pushed
-    for begin in range(0, n, _BLOCK):
-        after = min(n, begin + _BLOCK)
-        high = special if after == n else first_pair_of(listed.i_p, low, special, after)
+    for begin in range(first, last, _TOGETHER):
+        after = min(last, begin + _TOGETHER)
+        high = special if after == last else first_pair_of(listed.i_p, low, special, after)
         total, touching = walk(pushing, laws, listed, low, special, high, (total, touching))
         low = high
-        # pairs are sorted by i < j: the forces of pairs on this block of rows are complete, and still near
-        more, pushed = push_rows(shapes, effects, axes, row, force_nd, begin, after)
+        # pairs are sorted by i < j: the forces of pairs on these rows are complete, and still near
+        more, pushed = push_rows(laws.shapes, laws.effects, axes, laws.body, force_nd, begin, after)
         total += more
         touching += pushed
         for i in range(begin, after):
@@ -276,8 +308,44 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial):
                 power += fz * velocity_nd[i, 2]
             whole += own
             largest = max(largest, own)
-    more, square, own = turn_rows(shapes, axes, row, force_nd, velocity_nd)
-    return Sums(total, touching, power + more, whole + square, max(largest, own))
+    sums[_TOTAL] = total
+    sums[_TOUCHING] = touching
+    sums[_POWER] = power
+    sums[_SQUARE] = whole
+    sums[_LARGEST] = largest
+
+
+@inner_lean
+def force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial):
+    """Add the forces of touching pairs to force_nd, which was zero, and to a Virial or None; return the Sums.
+
+    Threads, which share the blocks, take neither shapes, interactions nor a virial.
+    """
+    shapes = shapes_of(effects)
+    keep_turned(shapes, row)
+    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd, pairs.slots.push_qk, virial)
+    sum_bk = pairs.sum_bk
+    blocks = share(thread, sum_bk.shape[0])
+    for b in range(blocks[0], blocks[1]):
+        _walk_special(pushing, laws, pairs, b)
+    more, pushed = push_interactions(shapes, effects, axes, row, force_nd, pairs)
+    sum_bk[blocks[0], _TOTAL] += more
+    sum_bk[blocks[0], _TOUCHING] += pushed
+    wait(thread)
+    for b in range(blocks[0], blocks[1]):
+        _complete_rows(pushing, laws, pairs, b)
+    wait(thread)
+    power, square, largest = turn_rows(shapes, axes, row, force_nd, velocity_nd)
+    total = touching = 0.0
+    for b in range(sum_bk.shape[0]):
+        total += sum_bk[b, _TOTAL]
+        touching += sum_bk[b, _TOUCHING]
+        power += sum_bk[b, _POWER]
+        square += sum_bk[b, _SQUARE]
+        largest = max(largest, sum_bk[b, _LARGEST])
+    if some_failed(thread):
+        total = np.inf
+    return Sums(total, np.int64(touching), power, square, largest)
 
 
 @inlined
@@ -290,13 +358,19 @@ def _projected(links, axes, force_nd, velocity_nd, sums):
 
 
 @inner_lean
-def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
+def shared_forces(thread, effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
     """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left.
 
-    A Virial takes those of contacts, with what links bear still in them.
+    A Virial takes those of contacts, with what links bear still in them. Each thread takes the forces of its blocks.
     """
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial)
+    sums = force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial)
     return _projected(space.links, axes, force_nd, velocity_nd, sums)
+
+
+@inlined
+def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
+    """Do the same on one thread."""
+    return shared_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, virial)
 
 
 @inlined
@@ -310,11 +384,11 @@ def moved_far(axes, row, space, number, moved):
 
 
 @inner_kernel
-def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
-    """Set v = keep v + push F, move by dt v, clear the forces; return v.v over all and the largest squared speed."""
+def move_rows(axes, row, force_nd, velocity_nd, keep, push, dt, low, high):
+    """Set v = keep v + push F, move by dt v, clear the forces; return v.v over rows and the largest squared speed."""
     square = 0.0
     largest = 0.0
-    for i in range(row.shape[0]):
+    for i in range(low, high):
         vx = keep * velocity_nd[i, 0] + push * force_nd[i, 0]
         vy = keep * velocity_nd[i, 1] + push * force_nd[i, 1]
         velocity_nd[i, 0] = vx
@@ -336,9 +410,42 @@ def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
 
 
 @device
+def rows_of(pairs, row, blocks):
+    """Return the first row of a range of blocks and the one after the last; turns are rows of the last block."""
+    row_b = pairs.row_b
+    high = row.shape[0] if blocks[1] == row_b.shape[0] - 1 else row_b[blocks[1]]
+    return row_b[blocks[0]], high
+
+
+@inlined
+def move_pass(thread, axes, row, force_nd, velocity_nd, pairs, keep, push, dt):
+    """Move all rows as `move_rows` does, on each thread those of its blocks; return the same over all."""
+    sum_bk = pairs.sum_bk
+    blocks = share(thread, sum_bk.shape[0])
+    for b in range(blocks[0], blocks[1]):
+        low, high = rows_of(pairs, row, (b, b + 1))
+        sum_bk[b, _SPEED2], sum_bk[b, _FASTEST2] = move_rows(
+            axes, row, force_nd, velocity_nd, keep, push, dt, low, high
+        )
+    wait(thread)
+    square = 0.0
+    largest = 0.0
+    for b in range(sum_bk.shape[0]):
+        square += sum_bk[b, _SPEED2]
+        largest = max(largest, sum_bk[b, _FASTEST2])
+    return square, largest
+
+
+@device
 def clear(array_nd):
     """Set all entries to zero."""
-    for i in range(array_nd.shape[0]):
+    clear_rows(array_nd, 0, array_nd.shape[0])
+
+
+@device
+def clear_rows(array_nd, low, high):
+    """Set the entries of rows to zero."""
+    for i in range(low, high):
         for a in range(array_nd.shape[1]):
             array_nd[i, a] = 0.0
 
@@ -461,9 +568,8 @@ def survey(effects, row, pairs):
     keep_turned(shapes, row)
     stiffness_n = np.zeros(row.shape[0])
     virial = np.zeros((3, 3))
-    start = pairs.start_s
     laws, surveying = RowLaws(effects, shapes, (0, 1, 2), row), _SurveyingRows(stiffness_n, virial)
-    energy, deepest, contacts = walk(surveying, laws, inner_pairs(pairs), start[0], start[1], start[2], (0.0, 0.0, 0))
+    energy, deepest, contacts = walk_blocks(surveying, laws, pairs, (0.0, 0.0, 0))
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
@@ -481,7 +587,7 @@ def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
     if is_stale(pairs.number, np.inf):
         pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs, None)
+    sums = force_pass(None, effects, axes, row, force_nd, velocity_nd, pairs, None)
     refresh(space.links, row, space)
     sums = _projected(space.links, axes, force_nd, velocity_nd, sums)
     found = survey(effects, row, pairs)
