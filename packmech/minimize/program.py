@@ -568,13 +568,15 @@ def _bearable_overlap(scene: Scene, diverges: bool) -> float:
     return 1.0 if all(close <= _STEEP * deep for close, deep in found) else _COINCIDENT
 
 
-def build_program(scene: Scene) -> Program:
+def build_program(scene: Scene, *, threads: int = 1) -> Program:
     """Return the scene compiled for its effects, its particles sorted in space.
 
     Parameters
     ----------
     scene
         The scene; effects without an energy (damping) have no part in minimization and are left out.
+    threads
+        Number of threads, for minimizers that take several; it changes no bit.
 
     Examples
     --------
@@ -636,6 +638,7 @@ def build_program(scene: Scene) -> Program:
         pairs=_no_pairs(scene, skin, reach_beyond_contact(scene.effects, packing)),
         diverges=diverges,
         bearable_overlap=_bearable_overlap(scene, diverges),
+        threads=threads,
     )
     program.link_rows()
     program.put(packing)

@@ -299,28 +299,20 @@ def _on_threads(
     threads: int, effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, space: Any, pairs: Any,
     settings: Any, goal: Any, largest_step: float, number: Any, vector_kf: Any, steps: int,
 ) -> tuple[int, Any]:  # fmt: skip
-    """Take steps as `fire_steps` does, with the same bits, on so many threads."""
+    """Take steps as `fire_steps` does, with the same bits, on so many threads; on no more than there are blocks."""
     last = number[_STEP] + steps
     threads = min(threads, len(pairs.row_b) - 1)
-    if threads == 1:
-        return cast(
-            "tuple[int, Any]",
-            fire_steps(
-                effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number,
-                vector_kf, steps,
-            ),
-        )  # fmt: skip
 
-    def run(thread: ThreadRecord) -> int:
+    def run(thread: ThreadRecord | None) -> tuple[int, Any]:
         own = settings._replace(thread=thread)
-        status, _ = fire_steps(
+        status, listed = fire_steps(
             effects, axes, row, force_nd, velocity_nd, space, pairs, own, goal, largest_step, number, vector_kf, left
         )
-        return int(status)
+        return int(status), listed
 
     while True:
         left = int(last - number[_STEP])
-        status = run_together(run, threads)
+        status, pairs = run(None) if threads == 1 else run_together(run, threads)
         if status != _SEARCH:
             return status, pairs
         pairs = _followed(axes, row, space, pairs)

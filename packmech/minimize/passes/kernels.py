@@ -22,7 +22,17 @@ from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, ker
 from packmech.jit.threads import share, some_failed, wait
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
 from packmech.minimize.passes.kind_rows import partners_of_rows
-from packmech.minimize.passes.pair_list import NO_SLOT, collect, first_pair_of, follow, inner_pairs, is_stale, visit, walk, walk_blocks
+from packmech.minimize.passes.pair_list import (
+    NO_SLOT,
+    collect,
+    first_pair_of,
+    follow,
+    inner_pairs,
+    is_stale,
+    visit,
+    walk,
+    walk_blocks,
+)
 from packmech.minimize.passes.shape_rows import (
     RowLaws,
     by_shape,
@@ -264,6 +274,14 @@ def _push_listed(pushing, laws, pair, value):
 _TOTAL, _TOUCHING, _POWER, _SQUARE, _LARGEST, _SPEED2, _FASTEST2 = range(7)
 
 
+@device
+def _push_beyond(b, pushing, laws, pairs):
+    """Add the forces of interactions and bonds, which act in scenes of one block."""
+    if b > 0:
+        return 0.0, 0
+    return push_interactions(laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pairs)
+
+
 @inlined
 def _walk_special(pushing, laws, pairs, b):
     """Add the forces of pairs of a block with an image or a row of another block, whose force goes to a slot."""
@@ -272,8 +290,9 @@ def _walk_special(pushing, laws, pairs, b):
     total, touching = walk(
         pushing, laws, inner_pairs(pairs), start[2 * b + 1], start[2 * b + 1], start[2 * b + 2], (0.0, np.int64(0))
     )
-    sums[_TOTAL] = total
-    sums[_TOUCHING] = touching
+    more, pushed = _push_beyond(b, pushing, laws, pairs)
+    sums[_TOTAL] = total + more
+    sums[_TOUCHING] = touching + pushed
 
 
 @inlined
@@ -315,6 +334,24 @@ def _complete_rows(pushing, laws, pairs, b):
     sums[_LARGEST] = largest
 
 
+@inlined
+def _walk_shared_blocks(thread, pushing, laws, pairs):
+    """Add the forces on all rows, and sum up in each block."""
+    first, last = share(thread, pairs.sum_bk.shape[0])
+    if thread is None:
+        for b in range(first, last):
+            # what goes to slots goes to blocks further on, as i < j
+            _walk_special(pushing, laws, pairs, b)
+            _complete_rows(pushing, laws, pairs, b)
+    else:
+        for b in range(first, last):
+            _walk_special(pushing, laws, pairs, b)
+        wait(thread)
+        for b in range(first, last):
+            _complete_rows(pushing, laws, pairs, b)
+        wait(thread)
+
+
 @inner_lean
 def force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial):
     """Add the forces of touching pairs to force_nd, which was zero, and to a Virial or None; return the Sums.
@@ -323,20 +360,13 @@ def force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial)
     """
     shapes = shapes_of(effects)
     keep_turned(shapes, row)
-    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd, pairs.slots.push_qk, virial)
-    sum_bk = pairs.sum_bk
-    blocks = share(thread, sum_bk.shape[0])
-    for b in range(blocks[0], blocks[1]):
-        _walk_special(pushing, laws, pairs, b)
-    more, pushed = push_interactions(shapes, effects, axes, row, force_nd, pairs)
-    sum_bk[blocks[0], _TOTAL] += more
-    sum_bk[blocks[0], _TOUCHING] += pushed
-    wait(thread)
-    for b in range(blocks[0], blocks[1]):
-        _complete_rows(pushing, laws, pairs, b)
-    wait(thread)
+    laws, pushing = (
+        RowLaws(effects, shapes, axes, row),
+        _PushingRows(force_nd, velocity_nd, pairs.slots.push_qk, virial),
+    )
+    _walk_shared_blocks(thread, pushing, laws, pairs)
     power, square, largest = turn_rows(shapes, axes, row, force_nd, velocity_nd)
-    total = touching = 0.0
+    sum_bk, total, touching = pairs.sum_bk, 0.0, 0.0
     for b in range(sum_bk.shape[0]):
         total += sum_bk[b, _TOTAL]
         touching += sum_bk[b, _TOUCHING]
@@ -345,7 +375,7 @@ def force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial)
         largest = max(largest, sum_bk[b, _LARGEST])
     if some_failed(thread):
         total = np.inf
-    return Sums(total, np.int64(touching), power, square, largest)
+    return Sums(total, int(touching), power, square, largest)
 
 
 @inlined

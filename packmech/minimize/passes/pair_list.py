@@ -7,10 +7,11 @@ over pairs walk. Pairs that do not touch add nothing, and all lists are sorted, 
 forces.
 
 Rows belong to blocks, which threads share: as many as the number of rows says, so that any number of threads gives the
-same bits. Minimizers have one block where rows are few, and in scenes that one thread walks. A block's pairs are those of its rows i, sorted by (i, j, image): first
-the plain ones, whose j lies in the same block and whose image is zero, so that the many need no image, then the special
-ones. What a special pair does to a row of another block goes to a slot, a row of its own; slots are emptied into the
-forces of each block after all blocks have been walked, in the order of their pairs.
+same bits; one for minimizers where rows are few, and in scenes that one thread walks. A block's pairs are those of its
+rows i, sorted by (i, j, image): first the plain ones, whose j lies in the same block and whose image is zero, so that
+the many need no image, then the special ones. What a special pair does to a row of another block goes to a slot, a row
+of its own; slots are emptied into the forces of each block, in the order of their pairs, after all that fill them have
+been walked.
 
 In a box that deforms the affine part of the motion is subtracted, and a pair stays in a list as long as the peculiar
 displacements since it was built, and what the strain did to a distance, leave room in the skin. Lists may carry numbers
