@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from packmech.check import positive, real
 from packmech.constraints.compiled_links import speeds
-from packmech.jit.compiled import device, inner_lean, kernel
+from packmech.jit.compiled import device, inlined, kernel
 from packmech.jit.threads import ThreadRecord, broadcast, is_first, is_shared, run_together, share
 from packmech.minimize.passes.kernels import (
     RUNNING,
@@ -174,31 +174,7 @@ def _steer(rule, uphill, dt, mixing, downhill):
     return dt, mixing, downhill + 1.0
 
 
-@inner_lean
-def _next_move(rule, stopped, now, dt, mixing, downhill, mobility, speed2, fastest2, sums, largest_step):
-    """Return the next time step, mixing and steps downhill, and what velocities keep and get of the forces."""
-    if now > 0:
-        dt, mixing, downhill = _steer(rule, stopped, dt, mixing, downhill)
-    kick = dt * mobility
-    if stopped:
-        keep = 0.0
-        push = kick
-    else:
-        keep = 1.0 - mixing
-        if rule.mix_kicked > 0.0:
-            kicked2 = speed2 + 2.0 * kick * sums.power + kick * kick * sums.square
-            push = keep * kick + mixing * math.sqrt(kicked2 / sums.square)
-        else:
-            push = kick + mixing * math.sqrt(speed2 / sums.square)
-    # none moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
-    reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.largest))
-    if reach > largest_step:
-        keep *= largest_step / reach
-        push *= largest_step / reach
-    return dt, mixing, downhill, keep, push
-
-
-@inner_lean
+@inlined
 def _take_back(axes, row, velocity_nd, back, low, high):
     """Move rows back along their velocities."""
     for i in range(low, high):
@@ -268,9 +244,24 @@ def fire_steps(
             _take_back(axes, row, velocity_nd, back, low, high)
             if is_first(thread):
                 pairs.number[DISPLACED] += back * math.sqrt(fastest2)
-        dt, mixing, downhill, keep, push = _next_move(
-            rule, stopped, now, dt, mixing, downhill, mobility, speed2, fastest2, sums, largest_step
-        )
+        if now > 0:
+            dt, mixing, downhill = _steer(rule, stopped, dt, mixing, downhill)
+        kick = dt * mobility
+        if stopped:
+            keep = 0.0
+            push = kick
+        else:
+            keep = 1.0 - mixing
+            if rule.mix_kicked > 0.0:
+                kicked2 = speed2 + 2.0 * kick * sums.power + kick * kick * sums.square
+                push = keep * kick + mixing * math.sqrt(kicked2 / sums.square)
+            else:
+                push = kick + mixing * math.sqrt(speed2 / sums.square)
+        # none moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
+        reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.largest))
+        if reach > largest_step:
+            keep *= largest_step / reach
+            push *= largest_step / reach
         speed2, fastest2 = move_pass(thread, axes, row, force_nd, velocity_nd, pairs, keep, push, dt)
         move_box(strains, axes, row, space, pairs, keep, push, dt)
         search = _must_follow(thread, axes, row, space, pairs, dt * math.sqrt(fastest2))
