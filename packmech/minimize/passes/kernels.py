@@ -110,12 +110,54 @@ def _add_virial(virial, x, y, z, dx, dy, dz):
 _stretch = by_type(lambda virial, x, y, z, dx, dy, dz: None, {Virial: _add_virial})
 
 
-@device
-def _fill_slot(axes, slot_qd, slot, x, y, z):
-    slot_qd[slot, 0] = x
-    slot_qd[slot, 1] = y
+class _PushingRows(NamedTuple):
+    """The visitor that adds the forces of touching pairs to rows; the value is their total and number."""
+
+    force_nd: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    virial: Any
+
+
+class _PushingSlots(NamedTuple):
+    """The same for pairs of which one may belong to another block: what is done to it goes to a slot."""
+
+    force_nd: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    virial: Any
+    slot_qd: NDArray[np.float64]
+
+
+@inlined
+def _push_back_row(pushing, axes, pair, push, dx, dy, dz):
+    j, force_nd = pair.j, pushing.force_nd
+    force_nd[j, 0] -= push * dx
+    force_nd[j, 1] -= push * dy
     if len(axes) == 3:
-        slot_qd[slot, 2] = z
+        force_nd[j, 2] -= push * dz
+
+
+@inlined
+def _push_back_anywhere(pushing, axes, pair, push, dx, dy, dz):
+    if pair.slot == NO_SLOT:
+        _push_back_row(pushing, axes, pair, push, dx, dy, dz)
+    else:
+        slot_qd, slot = pushing.slot_qd, pair.slot
+        slot_qd[slot, 0] = -push * dx
+        slot_qd[slot, 1] = -push * dy
+        if len(axes) == 3:
+            slot_qd[slot, 2] = -push * dz
+
+
+@inlined
+def _clear_slot(pushing, axes, pair):
+    if pair.slot != NO_SLOT:
+        _push_back_anywhere(pushing, axes, pair, 0.0, 0.0, 0.0, 0.0)
+
+
+# takes a force along the vector of a pair from its second row, or leaves that in a slot; leaves in a slot that there is
+# none
+_push_back = by_type(_push_back_row, {_PushingSlots: _push_back_anywhere})
+_leave_none = by_type(lambda pushing, axes, pair: None, {_PushingSlots: _clear_slot})
 
 
 @device
@@ -140,13 +182,7 @@ def _push_round(shapes, laws, pushing, pair, square, partners):
     force_nd[i, 1] += push * dy
     if len(axes) == 3:
         force_nd[i, 2] += push * dz
-    if pair.slot == NO_SLOT:
-        force_nd[j, 0] -= push * dx
-        force_nd[j, 1] -= push * dy
-        if len(axes) == 3:
-            force_nd[j, 2] -= push * dz
-    else:
-        _fill_slot(axes, pushing.slot_qd, pair.slot, -push * dx, -push * dy, -push * dz)
+    _push_back(pushing, axes, pair, push, dx, dy, dz)
     _stretch(pushing.virial, push * dx, push * dy, push * dz, apart_x, apart_y, apart_z)
     return abs(first), 1
 
@@ -238,15 +274,6 @@ def _push_shaped(shapes, laws, pushing, pair, square, partners):
 _push_pair = by_shape(_push_round, _push_shaped, _push_shaped)
 
 
-class _PushingRows(NamedTuple):
-    """The visitor that adds the forces of touching pairs to rows and slots; the value is their total and number."""
-
-    force_nd: NDArray[np.float64]
-    velocity_nd: NDArray[np.float64]
-    slot_qd: NDArray[np.float64]
-    virial: Any
-
-
 @inlined
 def _near(laws, pair):
     """Return the square of a pair's distance, and its surrounding discs or spheres as partners."""
@@ -256,7 +283,6 @@ def _near(laws, pair):
     return square, partners_of_rows(laws.effects, laws.body, pair.i, pair.j)
 
 
-@visit.form(_PushingRows)
 @inlined
 def _push_listed(pushing, laws, pair, value):
     square, partners = _near(laws, pair)
@@ -265,9 +291,19 @@ def _push_listed(pushing, laws, pair, value):
         more, one = _push_pair(laws.shapes, laws, pushing, pair, square, partners)
         total += more
         touching += one
-    elif pair.slot != NO_SLOT:
-        _fill_slot(laws.axes, pushing.slot_qd, pair.slot, 0.0, 0.0, 0.0)
+    else:
+        _leave_none(pushing, laws.axes, pair)
     return total, touching
+
+
+visit.form(_PushingRows)(_push_listed)
+visit.form(_PushingSlots)(_push_listed)
+# the visitor of special pairs: shapes are in one block, which has no slots
+_visitor_of_special = by_shape(
+    lambda shapes, pushing, slot_qd: _PushingSlots(pushing.force_nd, pushing.velocity_nd, pushing.virial, slot_qd),
+    lambda shapes, pushing, slot_qd: pushing,
+    lambda shapes, pushing, slot_qd: pushing,
+)
 
 
 # columns of PairList.sum_bk
@@ -286,9 +322,10 @@ def _push_beyond(b, pushing, laws, pairs):
 def _walk_special(pushing, laws, pairs, b):
     """Add the forces of pairs of a block with an image or a row of another block, whose force goes to a slot."""
     start, sums = pairs.start_s, pairs.sum_bk[b]
-    # a whole number of its type, so that both walks are one function
+    # a whole number of its type, so that walks of one visitor are one function
+    visitor = _visitor_of_special(laws.shapes, pushing, pairs.slots.push_qk)
     total, touching = walk(
-        pushing, laws, inner_pairs(pairs), start[2 * b + 1], start[2 * b + 1], start[2 * b + 2], (0.0, np.int64(0))
+        visitor, laws, inner_pairs(pairs), start[2 * b + 1], start[2 * b + 1], start[2 * b + 2], (0.0, np.int64(0))
     )
     more, pushed = _push_beyond(b, pushing, laws, pairs)
     sums[_TOTAL] = total + more
@@ -362,7 +399,7 @@ def force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial)
     keep_turned(shapes, row)
     laws, pushing = (
         RowLaws(effects, shapes, axes, row),
-        _PushingRows(force_nd, velocity_nd, pairs.slots.push_qk, virial),
+        _PushingRows(force_nd, velocity_nd, virial),
     )
     _walk_shared_blocks(thread, pushing, laws, pairs)
     power, square, largest = turn_rows(shapes, axes, row, force_nd, velocity_nd)
