@@ -57,9 +57,8 @@ def test_any_number_of_threads_gives_the_same_bits(dimension, method):
 
 
 def test_what_acts_on_single_particles_acts_in_threads_too():
-    held = np.zeros(MANY[2], dtype=bool)
-    held[::50] = True
-    scene = random_scene(2, (*REPULSION, pm.Gravity(y=-1e-3), pm.FixedParticles(held)))
+    held = pm.FixedParticles(range(0, MANY[2], 50))
+    scene = random_scene(2, (*REPULSION, pm.Gravity(y=-1e-3), held))
     one, two = (outcome_of(scene, threads, force_tolerance=1e-3, step_limit=300) for threads in (1, 2))
     assert one == two
 
@@ -71,7 +70,7 @@ def test_the_default_route_to_a_minimum_takes_threads():
 
 def test_more_threads_than_blocks_give_the_same_bits():
     one = outcome_of(random_scene(), 1, force_tolerance=1e-2)
-    assert outcome_of(random_scene(), 50, force_tolerance=1e-2) == one
+    assert outcome_of(random_scene(), 9, force_tolerance=1e-2) == one
 
 
 @functools.cache
@@ -91,7 +90,7 @@ def test_blocks_change_forces_and_minimum_by_rounding_only(dimension, monkeypatc
     whole, expected = build_program(scene), pm.quench(scene, force_tolerance=1e-12)
     assert len(whole.pairs.row_b) == 2 < len(blocks.pairs.row_b)
     force, other = blocks.evaluate(), whole.evaluate()
-    np.testing.assert_allclose(force.force_nd, other.force_nd, rtol=0.0, atol=1e-13 * other.max_force)
+    np.testing.assert_allclose(force.force_nd, other.force_nd, rtol=0.0, atol=1e-13 * other.mean_force)
     assert force.contacts == other.contacts and math.isclose(force.energy, other.energy, rel_tol=1e-13)
     np.testing.assert_allclose(found.packing.position_nd, expected.packing.position_nd, rtol=0.0, atol=1e-9)
 
@@ -138,7 +137,7 @@ class FailingLaw(NamedTuple):
     """The harmonic law, which fails for pairs of one contact distance."""
 
     energy_scale: float = 1.0
-    forbidden: float = -1.0
+    forbidden: float = 0.0
 
     def energy(self, distance: float, contact_distance: float) -> float:
         """Return the energy."""
