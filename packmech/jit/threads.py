@@ -27,7 +27,7 @@ _APART = 16
 # added to the arrivals where a thread failed: no other waits for it any more
 _GAVE_UP = 1 << 62
 # turns of waiting before the processor is offered to others
-_PATIENCE = 2000
+_PATIENCE = 50_000
 
 
 class ThreadRecord(NamedTuple):
