@@ -110,7 +110,7 @@ def quench(
     threads
         Number of threads; it changes no bit and pays from some thousand particles on. Time limits and `seconds` count
         the time of all of them. FIRE takes several in scenes of discs and spheres without links, bonds and
-        interactions; all else runs on one.
+        interactions; all else runs on one. They wait for each other in every step: not more than idle processors.
     time_limit
         Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
