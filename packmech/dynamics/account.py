@@ -64,7 +64,6 @@ from packmech.dynamics.friction import (
     turning_axes,
 )
 from packmech.dynamics.stretches import inner_stretches
-from packmech.dynamics.threads import is_first, wait
 from packmech.dynamics.wall_friction import (
     MovingWall,
     VisitedWalls,
@@ -89,6 +88,7 @@ from packmech.effects import (
 from packmech.effects.interaction import memory_at, memory_size, remembered_energy, remembers
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined, lean
+from packmech.jit.threads import is_first, wait
 from packmech.minimize.passes.kind_rows import partners_of_rows
 from packmech.minimize.passes.pair_list import is_near, visit, walk_pairs
 

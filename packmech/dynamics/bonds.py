@@ -23,11 +23,10 @@ from packmech.dynamics.friction import (
     torque_of,
     turning_axes,
 )
-from packmech.dynamics.stretches import blocks_of
 from packmech.effects import Bonds, law_energy, law_first
 from packmech.effects.partners import equal_partners
 from packmech.jit.compiled import compiled_form, device, inlined
-from packmech.minimize.passes.pair_list import NO_SLOT, Slots, collect
+from packmech.minimize.passes.pair_list import NO_SLOT, Slots, blocks_of, collect
 from packmech.minimize.passes.shape_rows import ShapeTouch
 
 

@@ -18,9 +18,9 @@ from packmech.calls.display import Row, shown
 from packmech.dynamics.bonds import BondTable, bond_energy, bond_first, bond_vector, pull_of_bond
 from packmech.dynamics.contact_forces import laws_of
 from packmech.dynamics.friction import Now
-from packmech.dynamics.threads import largest, wait
 from packmech.effects import BREAKING_MODES, Bonds
 from packmech.jit.compiled import device, inlined, lean
+from packmech.jit.threads import largest, wait
 from packmech.loop.checkpoint import IndexBounds
 from packmech.observables import Table, make_table
 

@@ -48,7 +48,6 @@ from packmech.dynamics.observables import COLUMNS, POTENTIAL, TANGENTIAL, Ledger
 from packmech.dynamics.stability import step_condition
 from packmech.dynamics.stretches import (
     Stretches,
-    blocks_of,
     columns_of,
     empty_track,
     read_stretches,
@@ -101,7 +100,7 @@ from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
 from packmech.minimize.passes.kernels import RUNNING
 from packmech.minimize.passes.kind_rows import row_kinds
-from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, Track, empty_list, follow
+from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, Track, blocks_of, empty_list, follow
 from packmech.minimize.program import space_order
 from packmech.packing import Packing
 from packmech.result import Condition

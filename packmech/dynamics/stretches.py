@@ -14,20 +14,11 @@ from packmech.jit.compiled import device
 from packmech.minimize.passes.pair_list import PairList, Track, listed_pairs
 from packmech.tangential import TangentialDisplacements
 
-# rows of a block, at least; blocks, at most
-_ROWS, _BLOCKS = 320, 32
-
 
 @device
 def inner_stretches(track):  # type: ignore[no-untyped-def]
     """Return the stretches of the inner pairs; None without a track."""
     return None if track is None else track.inner_pk
-
-
-def blocks_of(rows: int) -> NDArray[np.int64]:
-    """Return the first row of each block of so many rows, and at the end their number."""
-    blocks = max(1, min(_BLOCKS, rows // _ROWS))
-    return np.arange(blocks + 1, dtype=np.int64) * rows // blocks
 
 
 def empty_track(columns: int, beads: int = 1) -> Track:

@@ -20,10 +20,10 @@ from packmech.dynamics.deformation import ALONG_X, flow_to, gamma_at, maps_of_st
 from packmech.dynamics.faces import finish_faces, move_faces, push_faces
 from packmech.dynamics.friction import Pace
 from packmech.dynamics.observables import append_row, is_due
-from packmech.dynamics.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
 from packmech.dynamics.wall_friction import faces_of, push_of_walls
 from packmech.effects import on_row, spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
+from packmech.jit.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
 from packmech.minimize.passes.pair_list import (
     collect,
@@ -353,7 +353,7 @@ def kick_and_drift(system, thread, rows, time, rule, split):
                 axes, state.body, space, pairs, system.track
             ):
                 status = SEARCH
-    return broadcast(thread, status)
+    return np.int64(broadcast(thread, status))
 
 
 @inlined

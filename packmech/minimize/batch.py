@@ -46,6 +46,8 @@ class _Recorder:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
 
+    threads = 1
+
     def advance(self, loop: Any, numbers: Any, goal: Any, progress: Any, steps: int, largest_step: float) -> Any:
         return numbers, largest_step
 

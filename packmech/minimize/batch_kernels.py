@@ -20,7 +20,7 @@ from packmech.jit.compiled import compiled_form, device, inlined, kernel
 from packmech.minimize.first_order.damped import _Damped, damped_steps
 from packmech.minimize.first_order.fire import fire_steps
 from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING, Goal, contacts_of, evaluate
-from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER, inner_pairs, visit, walk
+from packmech.minimize.passes.pair_list import DISPLACED, SKIN_OUTER, visit, walk_blocks
 from packmech.minimize.passes.shape_rows import RowLaws, shapes_of, spin_of
 from packmech.minimize.passes.strains import map_rows, set_resolution, strain_space
 
@@ -197,10 +197,9 @@ def _count_contacts(effects, row, pairs, bodies):
     contacts_c = bodies.contacts_c
     for c in range(contacts_c.shape[0]):
         contacts_c[c] = 0
-    start = pairs.start_s
     counting = _Counting(bodies.cluster_n, bodies.rattler_c, contacts_c)
     laws = RowLaws(effects, shapes_of(effects), (0, 1, 2), row)
-    return walk(counting, laws, inner_pairs(pairs), start[0], start[1], start[2], 0)
+    return walk_blocks(counting, laws, pairs, 0)
 
 
 @device

@@ -16,7 +16,7 @@ from packmech.check import finite_array, given_shape, instance, integer, positiv
 from packmech.constraints.compiled_links import compile_links
 from packmech.constraints.redundancy import workable_links
 from packmech.contacts.cells import Sizes, frame_of, size_levels
-from packmech.effects import held_particles, is_interaction, pair_energy, pair_first, reach_beyond_contact
+from packmech.effects import bonds_of, held_particles, is_interaction, pair_energy, pair_first, reach_beyond_contact
 from packmech.effects.kinds import reference_partners
 from packmech.effects.single import vectors_outside
 from packmech.loop.run_loop import RunLoop, RunSettings
@@ -35,7 +35,7 @@ from packmech.minimize.passes.kernels import (
     judge,
 )
 from packmech.minimize.passes.kind_rows import row_kinds
-from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, empty_list, strain_list
+from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, blocks_of, empty_list, strain_list
 from packmech.minimize.passes.shape_rows import shape_rows
 from packmech.minimize.passes.single_rows import acting_on_rows
 from packmech.packing import Packing
@@ -116,6 +116,9 @@ _CLOSE, _STEEP = (1e-4, 0.1), 3.0
 # skin of the wide pair list in units of the harmonic mean diameter, which many small or a few tiny particles set alike
 _SKIN = 0.6
 
+# rows of a block, at least, where there are several
+_BLOCK = 2048
+
 OUTCOME_OF = {
     RUNNING: Outcome.STEP_LIMIT,
     CONVERGED: Outcome.CONVERGED,
@@ -150,6 +153,8 @@ class Program:
         Whether the energy of two particles grows beyond measure as their centers meet.
     bearable_overlap
         Overlap [1] above which the scene's own law must not be the one to part the particles; 1 where it always may.
+    threads
+        Number of threads, for minimizers that take several.
     build_seconds
         CPU seconds spent on building.
 
@@ -170,6 +175,7 @@ class Program:
     pairs: PairList
     diverges: bool
     bearable_overlap: float
+    threads: int = 1
     build_seconds: float = 0.0
 
     @property
@@ -251,9 +257,8 @@ class Program:
         if lattice.height_d.min() < 0.3 * shortest:
             # the box was strained so far that other vectors are short now: start the lists afresh
             lattice, self.change_dd = box.reduced()
-            self.pairs = empty_list(
-                len(self.order_n), float(self.pairs.number[SKIN_FULL]), float(self.pairs.number[BEYOND])
-            )
+            skin, beyond = (float(self.pairs.number[k]) for k in (SKIN_FULL, BEYOND))
+            self.pairs = _no_pairs(self.scene, skin, beyond)
             self.link_rows()
         self.space = self.space._replace(frame=frame_of(lattice))
 
@@ -527,6 +532,14 @@ def space_order(packing: Packing) -> NDArray[np.int64]:
     return order
 
 
+def _no_pairs(scene: Scene, skin: float, beyond: float) -> PairList:
+    """Return the list before its first use, in several blocks where threads may share the loop over them."""
+    packing = scene.packing
+    alone = not packing.plain or bonds_of(scene.effects) is not None or any(map(is_interaction, scene.effects))
+    row_b = None if alone else blocks_of(packing.particles, _BLOCK)
+    return empty_list(packing.particles, skin, beyond, row_b=row_b, width=packing.dimension)
+
+
 def _diverges(scene: Scene) -> bool:
     """Return whether the energy near the center is beyond measure."""
     sigma, pairs = scene.packing.reference_diameter, reference_partners(scene.effects, scene.packing)
@@ -555,13 +568,15 @@ def _bearable_overlap(scene: Scene, diverges: bool) -> float:
     return 1.0 if all(close <= _STEEP * deep for close, deep in found) else _COINCIDENT
 
 
-def build_program(scene: Scene) -> Program:
+def build_program(scene: Scene, *, threads: int = 1) -> Program:
     """Return the scene compiled for its effects, its particles sorted in space.
 
     Parameters
     ----------
     scene
         The scene; effects without an energy (damping) have no part in minimization and are left out.
+    threads
+        Number of threads, for minimizers that take several; it changes no bit.
 
     Examples
     --------
@@ -620,9 +635,10 @@ def build_program(scene: Scene) -> Program:
             resolution=np.zeros(1),
             held=None if held is None else held[order],
         ),
-        pairs=empty_list(packing.particles, skin, reach_beyond_contact(scene.effects, packing)),
+        pairs=_no_pairs(scene, skin, reach_beyond_contact(scene.effects, packing)),
         diverges=diverges,
         bearable_overlap=_bearable_overlap(scene, diverges),
+        threads=threads,
     )
     program.link_rows()
     program.put(packing)

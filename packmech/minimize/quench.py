@@ -71,6 +71,7 @@ def quench(
     step_limit: int = 500_000,
     trace_every: int | None = None,
     trace_positions: bool = False,
+    threads: int = 1,
     time_limit: float | None = None,
     progress: Progress = None,
     check: bool = True,
@@ -106,6 +107,10 @@ def quench(
         among them.
     trace_positions
         Keep the positions with them.
+    threads
+        Number of threads; it changes no bit and pays from some thousand particles on. Time limits and `seconds` count
+        the time of all of them. FIRE takes several in scenes of discs and spheres without links, bonds and
+        interactions; all else runs on one. They wait for each other in every step: not more than idle processors.
     time_limit
         Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
@@ -152,7 +157,9 @@ def quench(
     if method is not None:
         method = checked_minimizer(method)
     every = None if trace_every is None else integer("trace_every", trace_every, at_least=1)
-    settings = run_settings(step_limit=step_limit, time_limit=time_limit, progress=progress, check=check)
+    settings = run_settings(
+        step_limit=step_limit, threads=threads, time_limit=time_limit, progress=progress, check=check
+    )
     descent = _Descent(scene, settings, None if every is None else _TraceBuilder(scene, every, trace_positions))
 
     def work() -> Outcome:
@@ -202,7 +209,7 @@ class _Descent:
         self.began = time.process_time()
         self.scene = scene
         refuse_unknown_to_shapes(scene)
-        self.program = build_program(scene)
+        self.program = build_program(scene, threads=settings.threads)
         self.build_seconds = time.process_time() - self.began
         self.step_limit = settings.step_limit
         self.stages: list[Stage] = []
@@ -236,7 +243,7 @@ class _Descent:
             return None
         held = tuple(one for one in self.scene.effects if isinstance(one, FixedParticles))
         harmonic = self.scene.replace(effects=(Repulsion(law=Harmonic(energy_scale=self.scene.energy_scale)), *held))
-        own, self.program = self.program, build_program(harmonic)
+        own, self.program = self.program, build_program(harmonic, threads=self.program.threads)
         keep, self._trace = self._trace, None
         outcome = self.follow("harmonic law first", Fire(), 1e-2)
         reached = self.program.coordinates()

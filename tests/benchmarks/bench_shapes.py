@@ -17,7 +17,7 @@ REPEATS, PASSES, PARTICLES = 30, 10, 4000
 @kernel
 def pass_forces(effects, axes, row, force_nd, velocity_nd, pairs):
     """Take the forces as minimizers do in their loops."""
-    return force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    return force_pass(None, effects, axes, row, force_nd, velocity_nd, pairs, None)
 
 
 def nanoseconds(scene):

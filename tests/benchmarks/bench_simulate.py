@@ -25,7 +25,7 @@ DAMPED = (pm.Repulsion(), pm.ContactDamping(0.1))
 @kernel
 def pass_forces(effects, axes, row, force_nd, velocity_nd, pairs):
     """Take the forces as minimizers do in their loops."""
-    return force_pass(effects, axes, row, force_nd, velocity_nd, pairs)
+    return force_pass(None, effects, axes, row, force_nd, velocity_nd, pairs, None)
 
 
 def cost(scene, steps):

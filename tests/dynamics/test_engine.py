@@ -10,7 +10,7 @@ import packmech as pm
 from packmech.dynamics.deformation import Ramp
 from packmech.dynamics.engine import build_engine
 from packmech.dynamics.observables import new_ledger
-from packmech.dynamics.stretches import blocks_of
+from packmech.minimize.passes.pair_list import blocks_of
 
 SHEAR = np.array([[0.0, 1.0], [0.0, 0.0]])
 SPRING = pm.Repulsion(law=pm.LinearSpring(1.0))

@@ -198,7 +198,7 @@ def damped_steps(
         number[_EVALUATIONS] += passes
         reach = dt * math.sqrt(fastest2)
         keep = largest_step / reach if reach > largest_step else 1.0
-        speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, 0.0, dt)
+        speed2, fastest2 = move_pass(None, axes, row, force_nd, velocity_nd, pairs, keep, 0.0, dt)
         if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
             pairs, _ = follow(axes, row, space, pairs, None)
         speeds(space.links, axes, velocity_nd, speed2, fastest2)

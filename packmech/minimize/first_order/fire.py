@@ -7,19 +7,33 @@ Bitzek et al., Phys. Rev. Lett. 97, 170201 (2006), and its second form, GuÃ©nolÃ
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import Any, NamedTuple
 
 from packmech.check import positive, real
 from packmech.constraints.compiled_links import speeds
-from packmech.jit.compiled import device, kernel
-from packmech.minimize.passes.kernels import RUNNING, Goal, clear, move_pass, moved_far, net_forces, survey
-from packmech.minimize.passes.pair_list import DISPLACED, follow
+from packmech.jit.compiled import device, inlined, kernel
+from packmech.jit.threads import ThreadRecord, broadcast, is_first, is_shared, run_together, share
+from packmech.minimize.passes.kernels import (
+    RUNNING,
+    Goal,
+    clear_rows,
+    move_pass,
+    moved_far,
+    rows_of,
+    shared_forces,
+    survey,
+)
+from packmech.minimize.passes.pair_list import DISPLACED, follow, update_lists
 from packmech.minimize.passes.strains import bring_anchors, judge_all, move_box, pull_box, virial_of, with_rates
 from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _DT, _ALPHA, _DOWNHILL, _SPEED2, _FASTEST2, _STIFFNESS, _MOBILITY, _NUMBERS = range(10)
+
+# a loop that several threads left because its pair lists must be rebuilt
+_SEARCH = 17
 
 # the stiffness is looked at again after this many steps, and whenever motion starts again
 _RENEW = 64
@@ -70,8 +84,8 @@ class Fire(NamedTuple):
 
     def advance_strained(self, program: Program, strains: Any, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps, in free strains of the box, too, where there are any."""
-        numbers = _FireNumbers(*self[:-1], 0.0, 0.0, strains)
-        return program.advance(fire_steps, numbers, goal, progress, steps, self.largest_step)
+        settings = _FireSettings(_FireRule(*self[:-1], 0.0, 0.0), strains)
+        return program.advance(_steps_of(program), settings, goal, progress, steps, self.largest_step)
 
 
 class Fire2(NamedTuple):
@@ -100,11 +114,12 @@ class Fire2(NamedTuple):
 
     def advance(self, program: Program, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps; return the status code."""
-        return program.advance(fire_steps, _FireNumbers(*self[:-1], 0.5, 1.0), goal, progress, steps, self.largest_step)
+        settings = _FireSettings(_FireRule(*self[:-1], 0.5, 1.0))
+        return program.advance(_steps_of(program), settings, goal, progress, steps, self.largest_step)
 
 
-class _FireNumbers(NamedTuple):
-    """The numbers of either form, the part of an uphill step taken back, whether mixing sees the kick, and strains."""
+class _FireRule(NamedTuple):
+    """The numbers of either form, the part of an uphill step taken back, and whether mixing sees the kick."""
 
     dt: float
     dt_max: float
@@ -116,7 +131,19 @@ class _FireNumbers(NamedTuple):
     mixing_decay: float
     step_back: float
     mix_kicked: float
+
+
+class _FireSettings(NamedTuple):
+    """The rule, free strains and which of several threads takes the steps; None where there are none."""
+
+    rule: _FireRule
     strains: Any = None
+    thread: ThreadRecord | None = None
+
+
+def _steps_of(program: Program) -> Any:
+    """Return what takes the steps: the loop, or several threads in it."""
+    return fire_steps if program.threads == 1 else functools.partial(_on_threads, program.threads)
 
 
 def _check(method: Fire | Fire2) -> None:
@@ -138,86 +165,151 @@ def _start(method: Fire | Fire2, program: Program) -> Progress:
 
 
 @device
-def _steer(settings, uphill, dt, mixing, downhill):
+def _steer(rule, uphill, dt, mixing, downhill):
     """Return the next time step, mixing and number of steps downhill: slow down uphill, speed up after a delay."""
     if uphill:
-        return max(settings.dt_min, settings.shrink * dt), settings.mixing, 0.0
-    if downhill + 1.0 > settings.delay:
-        return min(settings.grow * dt, settings.dt_max), settings.mixing_decay * mixing, downhill + 1.0
+        return max(rule.dt_min, rule.shrink * dt), rule.mixing, 0.0
+    if downhill + 1.0 > rule.delay:
+        return min(rule.grow * dt, rule.dt_max), rule.mixing_decay * mixing, downhill + 1.0
     return dt, mixing, downhill + 1.0
+
+
+@inlined
+def _take_back(axes, row, velocity_nd, back, low, high):
+    """Move rows back along their velocities."""
+    for i in range(low, high):
+        for a in range(len(axes)):
+            row[i, a] -= back * velocity_nd[i, a]
+
+
+@device
+def _stiffness_on(thread, effects, row, pairs):
+    """Return the stiffness that one thread finds; none of them moves on before."""
+    stiffness = 0.0
+    if is_first(thread):
+        stiffness = survey(effects, row, pairs).stiffness
+    return broadcast(thread, stiffness)
+
+
+@device
+def _must_follow(thread, axes, row, space, pairs, moved):
+    """Return whether lists must be followed after no row moved farther than this; with threads, by a search."""
+    if thread is None:
+        return moved_far(axes, row, space, pairs.number, moved)
+    search = 0.0
+    if is_first(thread) and moved_far(axes, row, space, pairs.number, moved):
+        search = 1.0 * update_lists(axes, row, space, pairs, None)
+    return broadcast(thread, search) > 0.0
 
 
 @kernel
 def fire_steps(
     effects, axes, row, force_nd, velocity_nd, space, pairs, settings, goal, largest_step, number, vector_kf, steps
 ):
-    """Advance up to `steps` steps and return how they ended and the pair list."""
+    """Advance up to `steps` steps and return how they ended and the pair list.
+
+    Several threads come back, with _SEARCH, where the list must be rebuilt: who called them does it.
+    """
+    rule, strains, thread = settings.rule, settings.strains, settings.thread
     dt = number[_DT]
-    alpha = number[_ALPHA]
+    mixing = number[_ALPHA]
     downhill = number[_DOWNHILL]
     speed2 = number[_SPEED2]
     fastest2 = number[_FASTEST2]
     stiffness = number[_STIFFNESS]
-    strains = settings.strains
     mobility = number[_MOBILITY]
+    before = int(number[_STEP])
     status = RUNNING
     step = 0
-    if moved_far(axes, row, space, pairs.number, 0.0):
+    low, high = rows_of(pairs, row, share(thread, pairs.row_b.shape[0] - 1))
+    clear_rows(force_nd, low, high)
+    search = _must_follow(thread, axes, row, space, pairs, 0.0)
+    if search and not is_shared(thread):
         pairs, _ = follow(axes, row, space, pairs, None)
-    clear(force_nd)
-    while True:
-        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial_of(strains))
-        now = int(number[_STEP]) + step
-        found = sums
+    while not (search and is_shared(thread)):
+        found = shared_forces(thread, effects, axes, row, force_nd, velocity_nd, space, pairs, virial_of(strains))
+        now = before + step
         sums = pull_box(strains, effects, axes, row, space, pairs, found)
         stopped = sums.power <= 0.0
         if stopped or now % _RENEW == 0:
-            stiffness = survey(effects, row, pairs).stiffness
+            stiffness = _stiffness_on(thread, effects, row, pairs)
             if stiffness > 0.0:
                 mobility = 5.0 / stiffness
         status = judge_all(strains, found, stiffness, space, goal)
         if status != RUNNING or step == steps:
             break
         step += 1
-        if stopped and now > 0 and settings.step_back > 0.0:
-            back = settings.step_back * dt
-            for i in range(row.shape[0]):
-                for a in range(len(axes)):
-                    row[i, a] -= back * velocity_nd[i, a]
-            pairs.number[DISPLACED] += back * math.sqrt(fastest2)
+        if stopped and now > 0 and rule.step_back > 0.0:
+            back = rule.step_back * dt
+            _take_back(axes, row, velocity_nd, back, low, high)
+            if is_first(thread):
+                pairs.number[DISPLACED] += back * math.sqrt(fastest2)
         if now > 0:
-            dt, alpha, downhill = _steer(settings, stopped, dt, alpha, downhill)
+            dt, mixing, downhill = _steer(rule, stopped, dt, mixing, downhill)
         kick = dt * mobility
         if stopped:
             keep = 0.0
             push = kick
         else:
-            keep = 1.0 - alpha
-            if settings.mix_kicked > 0.0:
+            keep = 1.0 - mixing
+            if rule.mix_kicked > 0.0:
                 kicked2 = speed2 + 2.0 * kick * sums.power + kick * kick * sums.square
-                push = keep * kick + alpha * math.sqrt(kicked2 / sums.square)
+                push = keep * kick + mixing * math.sqrt(kicked2 / sums.square)
             else:
-                push = kick + alpha * math.sqrt(speed2 / sums.square)
+                push = kick + mixing * math.sqrt(speed2 / sums.square)
         # none moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
         reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.largest))
         if reach > largest_step:
             keep *= largest_step / reach
             push *= largest_step / reach
-        speed2, fastest2 = move_pass(axes, row, force_nd, velocity_nd, keep, push, dt)
+        speed2, fastest2 = move_pass(thread, axes, row, force_nd, velocity_nd, pairs, keep, push, dt)
         move_box(strains, axes, row, space, pairs, keep, push, dt)
-        if moved_far(axes, row, space, pairs.number, dt * math.sqrt(fastest2)):
+        search = _must_follow(thread, axes, row, space, pairs, dt * math.sqrt(fastest2))
+        if search and not is_shared(thread):
             bring_anchors(strains, axes, pairs)
             pairs, _ = follow(axes, row, space, pairs, None)
         speed2, fastest2 = speeds(space.links, axes, velocity_nd, speed2, fastest2)
         speed2, fastest2 = with_rates(strains, speed2, fastest2)
     bring_anchors(strains, axes, pairs)
-    number[_DT] = dt
-    number[_ALPHA] = alpha
-    number[_DOWNHILL] = downhill
-    number[_SPEED2] = speed2
-    number[_FASTEST2] = fastest2
-    number[_STEP] += step
-    number[_EVALUATIONS] += step + 1
-    number[_STIFFNESS] = stiffness
-    number[_MOBILITY] = mobility
-    return status, pairs
+    # what threads share is written by one, once all have read it
+    comes_back = search and is_shared(thread)
+    if is_first(thread):
+        number[_DT] = dt
+        number[_ALPHA] = mixing
+        number[_DOWNHILL] = downhill
+        number[_SPEED2] = speed2
+        number[_FASTEST2] = fastest2
+        number[_STEP] += step
+        number[_EVALUATIONS] += step + (0 if comes_back else 1)
+        number[_STIFFNESS] = stiffness
+        number[_MOBILITY] = mobility
+    return _SEARCH if comes_back else status, pairs
+
+
+def _on_threads(
+    threads: int, effects: Any, axes: Any, row: Any, force_nd: Any, velocity_nd: Any, space: Any, pairs: Any,
+    settings: Any, goal: Any, largest_step: float, number: Any, vector_kf: Any, steps: int,
+) -> tuple[int, Any]:  # fmt: skip
+    """Take steps as `fire_steps` does, with the same bits, on so many threads; on no more than there are blocks."""
+    last = number[_STEP] + steps
+    threads = min(threads, len(pairs.row_b) - 1)
+
+    def run(thread: ThreadRecord | None) -> tuple[int, Any]:
+        own = settings._replace(thread=thread)
+        status, listed = fire_steps(
+            effects, axes, row, force_nd, velocity_nd, space, pairs, own, goal, largest_step, number, vector_kf, left
+        )
+        return int(status), listed
+
+    while True:
+        left = int(last - number[_STEP])
+        status, pairs = run(None) if threads == 1 else run_together(run, threads)
+        if status != _SEARCH:
+            return status, pairs
+        pairs = _followed(axes, row, space, pairs)
+
+
+@kernel
+def _followed(axes, row, space, pairs):
+    """Return the list made valid."""
+    return follow(axes, row, space, pairs, None)[0]

@@ -67,7 +67,7 @@ def gradient_descent_steps(
             break
         push = settings.step / number[_STIFFNESS]
         push = min(push, largest_step / math.sqrt(sums.largest))
-        _, fastest2 = move_pass(axes, row, force_nd, velocity_nd, 0.0, push, 1.0)
+        _, fastest2 = move_pass(None, axes, row, force_nd, velocity_nd, pairs, 0.0, push, 1.0)
         if moved_far(axes, row, space, pairs.number, math.sqrt(fastest2)):
             pairs, _ = follow(axes, row, space, pairs, None)
         number[_STEP] += 1.0

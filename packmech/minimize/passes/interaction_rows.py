@@ -21,7 +21,7 @@ from packmech.effects.partners import equal_partners, partners_of
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import compiled_form, device, inlined
 from packmech.minimize.passes.kind_rows import kinds_between, partners_of_rows
-from packmech.minimize.passes.pair_list import inner_pairs, visit, walk
+from packmech.minimize.passes.pair_list import visit, walk_blocks
 from packmech.minimize.passes.shape_rows import RowLaws, axis_of, by_shape
 from packmech.minimize.passes.single_rows import add_torque
 from packmech.scene import Scene
@@ -235,16 +235,13 @@ def _survey_pair(surveying, laws, pair, whole):
 
 @device
 def _push(shapes, effects, axes, row, force_nd, pairs):
-    start = pairs.start_s
-    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingBeyond(force_nd)
-    return walk(pushing, laws, inner_pairs(pairs), start[0], start[1], start[2], (0.0, 0))
+    return walk_blocks(_PushingBeyond(force_nd), RowLaws(effects, shapes, axes, row), pairs, (0.0, 0))
 
 
 @device
 def _survey(shapes, effects, row, pairs, virial_dd, stiffness_n):
-    start = pairs.start_s
     laws, surveying = RowLaws(effects, shapes, (0, 1, 2), row), _SurveyingBeyond(virial_dd, stiffness_n)
-    return walk(surveying, laws, inner_pairs(pairs), start[0], start[1], start[2], 0.0)
+    return walk_blocks(surveying, laws, pairs, 0.0)
 
 
 def _has(effects: Any) -> bool:

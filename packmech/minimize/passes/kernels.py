@@ -19,9 +19,20 @@ from packmech.constraints.compiled_links import add_tensions, project_forces, pr
 from packmech.effects import pair_energy, pair_first, pair_second
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, inner_kernel, inner_lean, kernel
+from packmech.jit.threads import share, some_failed, wait
 from packmech.minimize.passes.interaction_rows import push_interactions, survey_interactions
 from packmech.minimize.passes.kind_rows import partners_of_rows
-from packmech.minimize.passes.pair_list import first_pair_of, follow, inner_pairs, is_stale, visit, walk
+from packmech.minimize.passes.pair_list import (
+    NO_SLOT,
+    collect,
+    first_pair_of,
+    follow,
+    inner_pairs,
+    is_stale,
+    visit,
+    walk,
+    walk_blocks,
+)
 from packmech.minimize.passes.shape_rows import (
     RowLaws,
     by_shape,
@@ -40,7 +51,7 @@ from packmech.minimize.passes.single_rows import push_rows, survey_rows
 RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
 
 # rows whose forces are completed, and then summed over, together
-_BLOCK = 256
+_TOGETHER = 256
 
 
 class Goal(NamedTuple):
@@ -99,9 +110,61 @@ def _add_virial(virial, x, y, z, dx, dy, dz):
 _stretch = by_type(lambda virial, x, y, z, dx, dy, dz: None, {Virial: _add_virial})
 
 
+class _PushingRows(NamedTuple):
+    """The visitor that adds the forces of touching pairs to rows; the value is their total and number."""
+
+    force_nd: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    virial: Any
+
+
+class _PushingSlots(NamedTuple):
+    """The same for pairs of which one may belong to another block: what is done to it goes to a slot."""
+
+    force_nd: NDArray[np.float64]
+    velocity_nd: NDArray[np.float64]
+    virial: Any
+    slot_qd: NDArray[np.float64]
+
+
+@inlined
+def _push_back_row(pushing, axes, pair, push, dx, dy, dz):
+    j, force_nd = pair.j, pushing.force_nd
+    force_nd[j, 0] -= push * dx
+    force_nd[j, 1] -= push * dy
+    if len(axes) == 3:
+        force_nd[j, 2] -= push * dz
+
+
+@inlined
+def _push_back_anywhere(pushing, axes, pair, push, dx, dy, dz):
+    if pair.slot == NO_SLOT:
+        _push_back_row(pushing, axes, pair, push, dx, dy, dz)
+    else:
+        slot_qd, slot = pushing.slot_qd, pair.slot
+        slot_qd[slot, 0] = -push * dx
+        slot_qd[slot, 1] = -push * dy
+        if len(axes) == 3:
+            slot_qd[slot, 2] = -push * dz
+
+
+@inlined
+def _clear_slot(pushing, axes, pair):
+    if pair.slot != NO_SLOT:
+        _push_back_anywhere(pushing, axes, pair, 0.0, 0.0, 0.0, 0.0)
+
+
+# takes a force along the vector of a pair from its second row, or leaves that in a slot; leaves in a slot that there is
+# none
+_push_back = by_type(_push_back_row, {_PushingSlots: _push_back_anywhere})
+_leave_none = by_type(lambda pushing, axes, pair: None, {_PushingSlots: _clear_slot})
+
+
 @device
-def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j, dx, dy, dz, square, partners):
+def _push_round(shapes, laws, pushing, pair, square, partners):
     """Add the forces of a touching pair of discs or spheres, and return their size, and 1."""
+    axes, force_nd, velocity_nd = laws.axes, pushing.force_nd, pushing.velocity_nd
+    i, j, dx, dy, dz = pair.i, pair.j, pair.dx, pair.dy, pair.dz
     r = math.sqrt(square)
     inverse = 1.0 / r
     # what coincides has a direction to part along, but no distance
@@ -113,16 +176,14 @@ def _push_round(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j,
     if len(axes) == 3:
         rate += (velocity_nd[j, 2] - velocity_nd[i, 2]) * dz
     rate *= inverse
-    first = _slope(effects, r, partners, rate)
+    first = _slope(laws.effects, r, partners, rate)
     push = first * inverse
     force_nd[i, 0] += push * dx
     force_nd[i, 1] += push * dy
-    force_nd[j, 0] -= push * dx
-    force_nd[j, 1] -= push * dy
     if len(axes) == 3:
         force_nd[i, 2] += push * dz
-        force_nd[j, 2] -= push * dz
-    _stretch(virial, push * dx, push * dy, push * dz, apart_x, apart_y, apart_z)
+    _push_back(pushing, axes, pair, push, dx, dy, dz)
+    _stretch(pushing.virial, push * dx, push * dy, push * dz, apart_x, apart_y, apart_z)
     return abs(first), 1
 
 
@@ -155,8 +216,14 @@ def _law(effects, rho, partners):
 
 
 @inlined
-def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j, dx, dy, dz, square, partners):
-    """Do the same for two shapes whose surrounding discs or spheres overlap; torques go to the rows of the turns."""
+def _push_shaped(shapes, laws, pushing, pair, square, partners):
+    """Do the same for two shapes whose surrounding discs or spheres overlap; torques go to the rows of the turns.
+
+    Shapes are in one block, so that no pair has a slot.
+    """
+    effects, axes, row = laws.effects, laws.axes, laws.body
+    force_nd, velocity_nd, virial = pushing.force_nd, pushing.velocity_nd, pushing.virial
+    i, j, dx, dy, dz = pair.i, pair.j, pair.dx, pair.dy, pair.dz
     if square == 0.0:
         nx, ny, nz = coincident_direction(i, j, len(axes))
         small = 1e-9 * partners.contact_distance
@@ -207,14 +274,6 @@ def _push_shaped(shapes, effects, axes, row, force_nd, velocity_nd, virial, i, j
 _push_pair = by_shape(_push_round, _push_shaped, _push_shaped)
 
 
-class _PushingRows(NamedTuple):
-    """The visitor that adds the forces of touching pairs to rows; the value is their total and number."""
-
-    force_nd: NDArray[np.float64]
-    velocity_nd: NDArray[np.float64]
-    virial: Any
-
-
 @inlined
 def _near(laws, pair):
     """Return the square of a pair's distance, and its surrounding discs or spheres as partners."""
@@ -224,45 +283,74 @@ def _near(laws, pair):
     return square, partners_of_rows(laws.effects, laws.body, pair.i, pair.j)
 
 
-@visit.form(_PushingRows)
 @inlined
 def _push_listed(pushing, laws, pair, value):
     square, partners = _near(laws, pair)
     total, touching = value
     if square < partners.contact_distance * partners.contact_distance:
-        more, one = _push_pair(
-            laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pushing.velocity_nd, pushing.virial,
-            pair.i, pair.j, pair.dx, pair.dy, pair.dz, square, partners,
-        )  # fmt: skip
+        more, one = _push_pair(laws.shapes, laws, pushing, pair, square, partners)
         total += more
         touching += one
+    else:
+        _leave_none(pushing, laws.axes, pair)
     return total, touching
 
 
-@inner_lean
-def force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial):
-    """Add the forces of touching pairs to force_nd, which was zero, and to a Virial or None; return the Sums."""
-    n = pairs.anchor_nd.shape[0]
-    shapes = shapes_of(effects)
-    keep_turned(shapes, row)
-    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd, virial)
-    listed = inner_pairs(pairs)
-    low, special, end = pairs.start_s[0], pairs.start_s[1], pairs.start_s[2]
+visit.form(_PushingRows)(_push_listed)
+visit.form(_PushingSlots)(_push_listed)
+# the visitor of special pairs: shapes are in one block, which has no slots
+_visitor_of_special = by_shape(
+    lambda shapes, pushing, slot_qd: _PushingSlots(pushing.force_nd, pushing.velocity_nd, pushing.virial, slot_qd),
+    lambda shapes, pushing, slot_qd: pushing,
+    lambda shapes, pushing, slot_qd: pushing,
+)
+
+
+# columns of PairList.sum_bk
+_TOTAL, _TOUCHING, _POWER, _SQUARE, _LARGEST, _SPEED2, _FASTEST2 = range(7)
+
+
+@device
+def _push_beyond(b, pushing, laws, pairs):
+    """Add the forces of interactions and bonds, which act in scenes of one block."""
+    if b > 0:
+        return 0.0, 0
+    return push_interactions(laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pairs)
+
+
+@inlined
+def _walk_special(pushing, laws, pairs, b):
+    """Add the forces of pairs of a block with an image or a row of another block, whose force goes to a slot."""
+    start, sums = pairs.start_s, pairs.sum_bk[b]
+    # a whole number of its type, so that walks of one visitor are one function
+    visitor = _visitor_of_special(laws.shapes, pushing, pairs.slots.push_qk)
+    total, touching = walk(
+        visitor, laws, inner_pairs(pairs), start[2 * b + 1], start[2 * b + 1], start[2 * b + 2], (0.0, np.int64(0))
+    )
+    more, pushed = _push_beyond(b, pushing, laws, pairs)
+    sums[_TOTAL] = total + more
+    sums[_TOUCHING] = touching + pushed
+
+
+@inlined
+def _complete_rows(pushing, laws, pairs, b):
+    """Add all other forces on the rows of a block, and sum up over them."""
+    axes, force_nd, velocity_nd = laws.axes, pushing.force_nd, pushing.velocity_nd
+    sums, listed = pairs.sum_bk[b], inner_pairs(pairs)
+    collect(axes, (), pairs.slots, force_nd, b)
+    first, last = pairs.row_b[b], pairs.row_b[b + 1]
+    low, special = pairs.start_s[2 * b], pairs.start_s[2 * b + 1]
+    total, touching = sums[_TOTAL], np.int64(sums[_TOUCHING])
     power = 0.0
     whole = 0.0
     largest = 0.0
-    # a whole number of its type, so that both walks are one function
-    total, touching = walk(pushing, laws, listed, special, special, end, (0.0, np.int64(0)))
-    more, pushed = push_interactions(shapes, effects, axes, row, force_nd, pairs)
-    total += more
-    touching += pushed
-    for begin in range(0, n, _BLOCK):
-        after = min(n, begin + _BLOCK)
-        high = special if after == n else first_pair_of(listed.i_p, low, special, after)
+    for begin in range(first, last, _TOGETHER):
+        after = min(last, begin + _TOGETHER)
+        high = special if after == last else first_pair_of(listed.i_p, low, special, after)
         total, touching = walk(pushing, laws, listed, low, special, high, (total, touching))
         low = high
-        # pairs are sorted by i < j: the forces of pairs on this block of rows are complete, and still near
-        more, pushed = push_rows(shapes, effects, axes, row, force_nd, begin, after)
+        # pairs are sorted by i < j: the forces of pairs on these rows are complete, and still near
+        more, pushed = push_rows(laws.shapes, laws.effects, axes, laws.body, force_nd, begin, after)
         total += more
         touching += pushed
         for i in range(begin, after):
@@ -276,8 +364,55 @@ def force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial):
                 power += fz * velocity_nd[i, 2]
             whole += own
             largest = max(largest, own)
-    more, square, own = turn_rows(shapes, axes, row, force_nd, velocity_nd)
-    return Sums(total, touching, power + more, whole + square, max(largest, own))
+    sums[_TOTAL] = total
+    sums[_TOUCHING] = touching
+    sums[_POWER] = power
+    sums[_SQUARE] = whole
+    sums[_LARGEST] = largest
+
+
+@inlined
+def _walk_shared_blocks(thread, pushing, laws, pairs):
+    """Add the forces on all rows, and sum up in each block."""
+    first, last = share(thread, pairs.sum_bk.shape[0])
+    if thread is None:
+        for b in range(first, last):
+            # what goes to slots goes to blocks further on, as i < j
+            _walk_special(pushing, laws, pairs, b)
+            _complete_rows(pushing, laws, pairs, b)
+    else:
+        for b in range(first, last):
+            _walk_special(pushing, laws, pairs, b)
+        wait(thread)
+        for b in range(first, last):
+            _complete_rows(pushing, laws, pairs, b)
+        wait(thread)
+
+
+@inner_lean
+def force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial):
+    """Add the forces of touching pairs to force_nd, which was zero, and to a Virial or None; return the Sums.
+
+    Threads, which share the blocks, take neither shapes, interactions nor a virial.
+    """
+    shapes = shapes_of(effects)
+    keep_turned(shapes, row)
+    laws, pushing = (
+        RowLaws(effects, shapes, axes, row),
+        _PushingRows(force_nd, velocity_nd, virial),
+    )
+    _walk_shared_blocks(thread, pushing, laws, pairs)
+    power, square, largest = turn_rows(shapes, axes, row, force_nd, velocity_nd)
+    sum_bk, total, touching = pairs.sum_bk, 0.0, 0.0
+    for b in range(sum_bk.shape[0]):
+        total += sum_bk[b, _TOTAL]
+        touching += sum_bk[b, _TOUCHING]
+        power += sum_bk[b, _POWER]
+        square += sum_bk[b, _SQUARE]
+        largest = max(largest, sum_bk[b, _LARGEST])
+    if some_failed(thread):
+        total = np.inf
+    return Sums(total, int(touching), power, square, largest)
 
 
 @inlined
@@ -290,13 +425,19 @@ def _projected(links, axes, force_nd, velocity_nd, sums):
 
 
 @inner_lean
-def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
+def shared_forces(thread, effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
     """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left.
 
-    A Virial takes those of contacts, with what links bear still in them.
+    A Virial takes those of contacts, with what links bear still in them. Each thread takes the forces of its blocks.
     """
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs, virial)
+    sums = force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial)
     return _projected(space.links, axes, force_nd, velocity_nd, sums)
+
+
+@inlined
+def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
+    """Do the same on one thread."""
+    return shared_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, virial)
 
 
 @inlined
@@ -310,11 +451,11 @@ def moved_far(axes, row, space, number, moved):
 
 
 @inner_kernel
-def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
-    """Set v = keep v + push F, move by dt v, clear the forces; return v.v over all and the largest squared speed."""
+def move_rows(axes, row, force_nd, velocity_nd, keep, push, dt, low, high):
+    """Set v = keep v + push F, move by dt v, clear the forces; return v.v over rows and the largest squared speed."""
     square = 0.0
     largest = 0.0
-    for i in range(row.shape[0]):
+    for i in range(low, high):
         vx = keep * velocity_nd[i, 0] + push * force_nd[i, 0]
         vy = keep * velocity_nd[i, 1] + push * force_nd[i, 1]
         velocity_nd[i, 0] = vx
@@ -336,9 +477,42 @@ def move_pass(axes, row, force_nd, velocity_nd, keep, push, dt):
 
 
 @device
+def rows_of(pairs, row, blocks):
+    """Return the first row of a range of blocks and the one after the last; turns are rows of the last block."""
+    row_b = pairs.row_b
+    high = row.shape[0] if blocks[1] == row_b.shape[0] - 1 else row_b[blocks[1]]
+    return row_b[blocks[0]], high
+
+
+@inlined
+def move_pass(thread, axes, row, force_nd, velocity_nd, pairs, keep, push, dt):
+    """Move all rows as `move_rows` does, on each thread those of its blocks; return the same over all."""
+    sum_bk = pairs.sum_bk
+    blocks = share(thread, sum_bk.shape[0])
+    for b in range(blocks[0], blocks[1]):
+        low, high = rows_of(pairs, row, (b, b + 1))
+        sum_bk[b, _SPEED2], sum_bk[b, _FASTEST2] = move_rows(
+            axes, row, force_nd, velocity_nd, keep, push, dt, low, high
+        )
+    wait(thread)
+    square = 0.0
+    largest = 0.0
+    for b in range(sum_bk.shape[0]):
+        square += sum_bk[b, _SPEED2]
+        largest = max(largest, sum_bk[b, _FASTEST2])
+    return square, largest
+
+
+@device
 def clear(array_nd):
     """Set all entries to zero."""
-    for i in range(array_nd.shape[0]):
+    clear_rows(array_nd, 0, array_nd.shape[0])
+
+
+@device
+def clear_rows(array_nd, low, high):
+    """Set the entries of rows to zero."""
+    for i in range(low, high):
         for a in range(array_nd.shape[1]):
             array_nd[i, a] = 0.0
 
@@ -461,9 +635,8 @@ def survey(effects, row, pairs):
     keep_turned(shapes, row)
     stiffness_n = np.zeros(row.shape[0])
     virial = np.zeros((3, 3))
-    start = pairs.start_s
     laws, surveying = RowLaws(effects, shapes, (0, 1, 2), row), _SurveyingRows(stiffness_n, virial)
-    energy, deepest, contacts = walk(surveying, laws, inner_pairs(pairs), start[0], start[1], start[2], (0.0, 0.0, 0))
+    energy, deepest, contacts = walk_blocks(surveying, laws, pairs, (0.0, 0.0, 0))
     virial[1, 0] = virial[0, 1]
     virial[2, 0] = virial[0, 2]
     virial[2, 1] = virial[1, 2]
@@ -481,7 +654,7 @@ def evaluate(effects, axes, row, force_nd, velocity_nd, space, pairs):
     if is_stale(pairs.number, np.inf):
         pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
-    sums = force_pass(effects, axes, row, force_nd, velocity_nd, pairs, None)
+    sums = force_pass(None, effects, axes, row, force_nd, velocity_nd, pairs, None)
     refresh(space.links, row, space)
     sums = _projected(space.links, axes, force_nd, velocity_nd, sums)
     found = survey(effects, row, pairs)

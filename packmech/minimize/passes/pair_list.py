@@ -6,11 +6,12 @@ one with a narrow skin that adapts to the pace of the motion, so that nearly all
 over pairs walk. Pairs that do not touch add nothing, and all lists are sorted, so no list history changes a bit of the
 forces.
 
-Rows belong to blocks: one for minimizers; for time steps, which threads share, as many as the number of rows says, so
-that any number of threads gives the same bits. A block's pairs are those of its rows i, sorted by (i, j, image): first
-the plain ones, whose j lies in the same block and whose image is zero, so that the many need no image, then the special
-ones. What a special pair does to a row of another block goes to a slot, a row of its own; slots are emptied into the
-forces of each block after all blocks have been walked, in the order of their pairs.
+Rows belong to blocks, which threads share: as many as the number of rows says, so that any number of threads gives the
+same bits; one for minimizers where rows are few, and in scenes that one thread walks. A block's pairs are those of its
+rows i, sorted by (i, j, image): first the plain ones, whose j lies in the same block and whose image is zero, so that
+the many need no image, then the special ones. What a special pair does to a row of another block goes to a slot, a row
+of its own; slots are emptied into the forces of each block, in the order of their pairs, after all that fill them have
+been walked.
 
 In a box that deforms the affine part of the motion is subtracted, and a pair stays in a list as long as the peculiar
 displacements since it was built, and what the strain did to a distance, leave room in the skin. Lists may carry numbers
@@ -51,6 +52,11 @@ _NARROWEST, _WIDEST = 1.0 / 256.0, 0.4  # of the outer skin
 # slot of a pair whose two rows belong to one block
 NO_SLOT = np.uint32(0xFFFFFFFF)
 
+# blocks, at most
+_BLOCKS = 32
+# numbers that a pass may add up in a block: a cache line
+_SUMS = 8
+
 
 class Space(NamedTuple):
     """The surroundings of particles, which all of them share; parts that a scene lacks are None.
@@ -85,7 +91,7 @@ class PairList(NamedTuple):
 
     row_b holds the first row of each block; start_s the first inner pair of each section, plain and special ones of
     each block in turn, outer_start_s the same of the outer list. place_p is the place of an inner pair in the outer
-    list. image_p and slot_p are set for special pairs only.
+    list. image_p and slot_p are set for special pairs only. sum_bk is room for what a pass adds up in each block.
     """
 
     row_b: NDArray[np.int64]
@@ -99,12 +105,28 @@ class PairList(NamedTuple):
     slot_p: NDArray[np.uint32]
     start_s: NDArray[np.int64]
     slots: Slots
+    sum_bk: NDArray[np.float64]
     image_kd: NDArray[np.float64]
     shift_kd: NDArray[np.float64]
     outer_anchor_nd: NDArray[np.float64]
     anchor_nd: NDArray[np.float64]
     number: NDArray[np.float64]
     bits: int
+
+
+def blocks_of(rows: int, least: int = 320) -> NDArray[np.int64]:
+    """Return the first row of each block of so many rows, and at the end their number.
+
+    Parameters
+    ----------
+    rows
+        Number of rows.
+    least
+        Rows of a block, at least, where there are several.
+
+    """
+    blocks = max(1, min(_BLOCKS, rows // least))
+    return np.arange(blocks + 1, dtype=np.int64) * rows // blocks
 
 
 def empty_slots(blocks: int, width: int) -> Slots:
@@ -148,6 +170,7 @@ def empty_list(
         row,
         *(none, none, start, none, none, none, none, none, start.copy()),
         empty_slots(blocks, width),
+        np.zeros((blocks, _SUMS)),
         image,
         image.copy(),
         far,
@@ -235,6 +258,15 @@ def walk_pairs(visitor, laws, pairs, b, value):
     """Visit the listed pairs of a block's rows, one after another; return the value after the last."""
     start = pairs.start_s
     return walk_range(visitor, laws, pairs, start[2 * b], start[2 * b + 1], start[2 * b + 2], value)
+
+
+@device
+def walk_blocks(visitor, laws, pairs, value):
+    """Visit all listed pairs, block by block; return the value after the last."""
+    start, listed = pairs.start_s, inner_pairs(pairs)
+    for b in range(pairs.row_b.shape[0] - 1):
+        value = walk(visitor, laws, listed, start[2 * b], start[2 * b + 1], start[2 * b + 2], value)
+    return value
 
 
 @inlined
@@ -345,6 +377,7 @@ def _rebuilt(found, row, old):
         Slots(
             np.empty((far, width)), np.empty(far, np.uint32), np.empty(blocks + 1, np.int64), np.empty(blocks, np.int64)
         ),
+        old.sum_bk,
         found.image_kd,
         np.empty((found.image_kd.shape[0], 3)),
         old.outer_anchor_nd,

@@ -1,5 +1,5 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator, import-untyped"
-"""Several threads in one time step: which blocks each walks, and how they wait for each other.
+"""Several threads in one loop of steps: which blocks each walks, and how they wait for each other.
 
 Every thread runs the same compiled loop without the interpreter's lock; between the parts of a step they meet at a
 barrier. One thread alone has no record (None), and no code of it: numba leaves out branches that None rules out.
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir
@@ -24,8 +24,10 @@ R = TypeVar("R")
 
 # numbers a thread keeps to itself lie a cache line apart
 _APART = 16
+# added to the arrivals where a thread failed: no other waits for it any more
+_GAVE_UP = 1 << 62
 # turns of waiting before the processor is offered to others
-_PATIENCE = 2000
+_PATIENCE = 50_000
 
 
 class ThreadRecord(NamedTuple):
@@ -49,6 +51,8 @@ def thread_records(size: int) -> list[ThreadRecord]:
 def run_together(run: Callable[[ThreadRecord], R], size: int) -> R:
     """Return what the first of so many threads returns; each runs its own part.
 
+    The error of one is raised once all are done: where they meet, none waits for one that failed.
+
     Parameters
     ----------
     run
@@ -58,14 +62,25 @@ def run_together(run: Callable[[ThreadRecord], R], size: int) -> R:
 
     """
     first, *others = thread_records(size)
-    helpers = [threading.Thread(target=run, args=(thread,)) for thread in others]
+    failures: list[BaseException] = []
+
+    def run_or_give_up(thread: ThreadRecord) -> R | None:
+        try:
+            return run(thread)
+        except BaseException as failure:
+            failures.append(failure)
+            thread.arrived[0] += _GAVE_UP
+            return None
+
+    helpers = [threading.Thread(target=run_or_give_up, args=(thread,)) for thread in others]
     for helper in helpers:
         helper.start()
-    try:
-        return run(first)
-    finally:
-        for helper in helpers:
-            helper.join()
+    result = run_or_give_up(first)
+    for helper in helpers:
+        helper.join()
+    if failures:
+        raise failures[0]
+    return cast(R, result)
 
 
 @intrinsic
@@ -113,11 +128,27 @@ def wait(thread):
 
 
 @device
+def some_failed(thread):
+    """Whether a thread failed, so that the others did not wait for it and must end."""
+    if thread is None:
+        return False
+    return _read(thread.arrived) >= _GAVE_UP
+
+
+@device
 def is_first(thread):
     """Whether this thread does what only one may do."""
     if thread is None:
         return True
     return thread.rank == 0
+
+
+@device
+def is_shared(thread):
+    """Whether there are other threads."""
+    if thread is None:
+        return False
+    return True
 
 
 @device
@@ -152,4 +183,4 @@ def broadcast(thread, value):
     if thread.rank == 0:
         thread.message_t[thread.size * _APART] = value
     wait(thread)
-    return np.int64(thread.message_t[thread.size * _APART])
+    return thread.message_t[thread.size * _APART]
