@@ -25,6 +25,7 @@ from packmech.effects import (
     single_effects,
 )
 from packmech.jit.compiled import compiling_noted
+from packmech.linalg.threads import factor_threads
 from packmech.loop.run_loop import RunLoop, RunSettings, run_settings
 from packmech.mechanics.stability import Stability, stability
 from packmech.minimize.bodies_apart import report_of_bodies, separate
@@ -108,9 +109,10 @@ def quench(
     trace_positions
         Keep the positions with them.
     threads
-        Number of threads; it changes no bit and pays from some thousand particles on. Time limits and `seconds` count
-        the time of all of them. FIRE takes several in scenes of discs and spheres without links, bonds and
-        interactions; all else runs on one. They wait for each other in every step: not more than idle processors.
+        Number of threads; it changes no bit. Measured with two, 4096 and 16384 discs come to rest 1.2 and 1.6 times as
+        fast, 4096 and 10000 spheres 1.1 and 1.4 times. FIRE takes several from 4096 discs or spheres on, without links,
+        bonds and interactions, and so do factorizations; all else runs on one. They wait for each other in every step:
+        not more than idle processors. Time limits and `seconds` count the time of all of them.
     time_limit
         Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress
@@ -177,7 +179,8 @@ def quench(
             lambda goal, note: descent.follow(type(method).__name__ + note, method, goal), tolerance
         )
 
-    return descent.loop.run(work, lambda outcome: descent.finish(outcome, tolerance))
+    with factor_threads(settings.threads):
+        return descent.loop.run(work, lambda outcome: descent.finish(outcome, tolerance))
 
 
 def _default_route(descent: _Descent, tolerance: float, note: str) -> Outcome:

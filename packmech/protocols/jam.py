@@ -119,8 +119,8 @@ def jam(
     force_tolerance
         Largest net force over mean contact force that counts as balance [1].
     threads
-        Number of threads; it changes no bit. Factorizations of large packings take them, and pressing in time: measured
-        with two, discs at N = 4096 are ready 1.05 times as fast, spheres at N = 1024 1.16 times.
+        Number of threads; it changes no bit. Quenches and factorizations of large packings take them, and pressing in
+        time: measured with two, discs at N = 4096 are ready 1.05 times as fast, spheres at N = 1024 1.16 times.
     time_limit
         Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress

@@ -136,7 +136,7 @@ class Protocol:
         """The compiled scene."""
         if self._program is None:
             began = time.process_time()
-            self._program = build_program(self.scene)
+            self._program = build_program(self.scene, threads=self.loop.settings.threads)
             self.build_seconds = time.process_time() - began
         return self._program
 

@@ -8,6 +8,7 @@ import packmech as pm
 from packmech.linalg.block_system import BlockSystem
 from packmech.linalg.factor import factorize
 from packmech.linalg.threads import allowed_threads, factor_threads
+from packmech.minimize import program
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +82,14 @@ def test_threads_are_allowed_where_they_are_asked_for_and_not_after(spheres, mon
 )
 def test_calls_give_the_same_bits_on_any_number_of_threads(spheres, figures):
     assert figures(spheres, 1).tobytes() == figures(spheres, 2).tobytes()
+
+
+@pytest.mark.parametrize("strain", ["free", "isotropic"])
+def test_jam_in_blocks_of_rows_gives_the_same_bits_on_any_number_of_threads(strain, monkeypatch):
+    monkeypatch.setattr(program, "_BLOCK", 25)
+    packing = pm.random_packing(100, dimension=2, sizes=pm.Bidisperse(), packing_fraction=0.8, seed=6)
+    runs = [pm.jam(pm.Scene(packing, (pm.Repulsion(),)), 1e-4, strain=strain, threads=k) for k in (1, 2, 3)]
+    assert len({run.packing.position_nd.tobytes() for run in runs}) == len({run.steps for run in runs}) == 1
 
 
 def test_pressing_with_friction_gives_the_same_bits_on_two_threads():

@@ -85,7 +85,9 @@ class Fire(NamedTuple):
     def advance_strained(self, program: Program, strains: Any, goal: Goal, progress: Progress, steps: int) -> int:
         """Advance by up to `steps` steps, in free strains of the box, too, where there are any."""
         settings = _FireSettings(_FireRule(*self[:-1], 0.0, 0.0), strains)
-        return program.advance(_steps_of(program), settings, goal, progress, steps, self.largest_step)
+        # a box that strains is moved by one thread
+        loop = _steps_of(program) if strains is None else fire_steps
+        return program.advance(loop, settings, goal, progress, steps, self.largest_step)
 
 
 class Fire2(NamedTuple):
