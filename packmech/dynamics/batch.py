@@ -43,12 +43,12 @@ from packmech.dynamics.observables import (
     TORQUE,
     measure,
 )
-from packmech.dynamics.time_step import REST_OF_STEP, SEARCH, WHOLE_STEP, Acting, EngineSystem, Rule, Span, run_steps
+from packmech.dynamics.time_step import REST_OF_STEP, WHOLE_STEP, Acting, EngineSystem, Rule, Span, run_steps
 from packmech.effects import Friction, RoughContacts, friction_of
 from packmech.effects.kinds import ByKind, kinds_in
 from packmech.jit.by_type import by_type
 from packmech.jit.compiled import device, inlined, inner_lean, kernel
-from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
+from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING, SEARCH
 from packmech.minimize.passes.pair_list import follow
 from packmech.observables import OBSERVABLES, component_names
 from packmech.packing import Packing

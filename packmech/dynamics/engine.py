@@ -58,7 +58,6 @@ from packmech.dynamics.time_step import (
     BREAKING,
     FORCES,
     REST_OF_STEP,
-    SEARCH,
     TOO_FAST,
     WHOLE_STEP,
     Acting,
@@ -98,7 +97,7 @@ from packmech.effects.single import vectors_outside
 from packmech.jit.compiled import kernel
 from packmech.links import Links, one_way
 from packmech.loop.checkpoint import IndexBounds
-from packmech.minimize.passes.kernels import RUNNING
+from packmech.minimize.passes.kernels import RUNNING, SEARCH
 from packmech.minimize.passes.kind_rows import row_kinds
 from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, Track, blocks_of, empty_list, follow
 from packmech.minimize.program import space_order

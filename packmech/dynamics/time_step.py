@@ -23,8 +23,8 @@ from packmech.dynamics.observables import append_row, is_due
 from packmech.dynamics.wall_friction import faces_of, push_of_walls
 from packmech.effects import on_row, spin_drag
 from packmech.jit.compiled import compiled_form, device, inlined, lean
-from packmech.jit.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, wait
-from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING
+from packmech.jit.threads import ThreadRecord, broadcast, is_first, largest, run_together, share, some_failed, wait
+from packmech.minimize.passes.kernels import NOT_FINITE, RUNNING, SEARCH
 from packmech.minimize.passes.pair_list import (
     collect,
     is_stale_strained,
@@ -34,9 +34,8 @@ from packmech.minimize.passes.pair_list import (
 )
 
 TOO_FAST = NOT_FINITE
-# a loop that ended because its pair lists must be rebuilt, in the middle of a step; or at the end of a step in which
-# bonds went beyond their limits, before its observables
-SEARCH, BREAKING = 17, 18
+# a loop that ended at the end of a step in which bonds went beyond their limits, before its observables
+BREAKING = 18
 # where a loop starts: with a step, in the middle of one, or only to take the forces
 WHOLE_STEP, REST_OF_STEP, FORCES = 0, 1, 2
 
@@ -400,6 +399,8 @@ def take_steps(system, ledger, thread, span, rule):
                 return status, taken
         keep_springs(system.account, system, blocks)
         take_forces(system, thread, blocks, pace)
+        if some_failed(thread):
+            return NOT_FINITE, taken
         if start == FORCES:
             kicks = Kicks(0.0, split.early, True)
             book_kicks(system.account, system, thread, blocks, pace, kicks, step * rule.dt)

@@ -24,7 +24,7 @@ R = TypeVar("R")
 
 # numbers a thread keeps to itself lie a cache line apart
 _APART = 16
-# added to the arrivals where a thread failed: no other waits for it any more
+# the arrivals where a thread failed, beyond all that are due: no other waits for it any more
 _GAVE_UP = 1 << 62
 # turns of waiting before the processor is offered to others
 _PATIENCE = 50_000
@@ -69,15 +69,22 @@ def run_together(run: Callable[[ThreadRecord], R], size: int) -> R:
             return run(thread)
         except BaseException as failure:
             failures.append(failure)
-            thread.arrived[0] += _GAVE_UP
+            thread.arrived[0] = _GAVE_UP
             return None
 
-    helpers = [threading.Thread(target=run_or_give_up, args=(thread,)) for thread in others]
-    for helper in helpers:
-        helper.start()
-    result = run_or_give_up(first)
-    for helper in helpers:
-        helper.join()
+    helpers: list[threading.Thread] = []
+    try:
+        for thread in others:
+            helper = threading.Thread(target=run_or_give_up, args=(thread,))
+            helper.start()
+            helpers.append(helper)
+        result = run_or_give_up(first)
+    finally:
+        # without all of them those that were started would wait for ever
+        if len(helpers) < len(others):
+            first.arrived[0] = _GAVE_UP
+        for helper in helpers:
+            helper.join()
     if failures:
         raise failures[0]
     return cast(R, result)

@@ -22,7 +22,7 @@ from packmech.linalg.block_factor import factor_blocks, plan_blocks, solve_block
 from packmech.linalg.threads import allowed_threads
 
 Solver = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-# particles from which on supernodes win
+# particles from which on supernodes win, by dimension
 _LARGE = {2: 2500, 3: 200}
 # particles beyond which the plane is dissected
 _DISSECTED = 20_000
@@ -42,6 +42,7 @@ class _Pattern(NamedTuple):
 
 
 def _pattern(i_c: NDArray[np.int64], j_c: NDArray[np.int64], particles: int) -> _Pattern:
+    """Return where the blocks of sorted pairs stand."""
     one, other, pair_c = distinct_pairs(i_c, j_c)
     own = np.arange(particles)
     row, column = np.concatenate([own, one, other]), np.concatenate([own, other, one])
@@ -139,7 +140,7 @@ class Factored(NamedTuple):
 
 
 class BlockSystem:
-    """The pattern of one list of pairs, analyzed once; each `factor` with new numbers ends the use of the one before.
+    """The pattern of one list of pairs, analyzed once, and factored with numbers again and again.
 
     Parameters
     ----------
@@ -182,6 +183,7 @@ class BlockSystem:
             self._analyze_with_rslab()
 
     def _analyze_with_rslab(self) -> None:
+        """Find an order of elimination for the lower triangle, and where its numbers stand among all."""
         # a quick command quenches first, and SciPy's sparse matrices take 0.2 s to import
         import rslab
         import scipy.sparse as sp

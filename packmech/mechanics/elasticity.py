@@ -536,8 +536,8 @@ def elastic_moduli(
         other contacts. No strain need do what "stick" or "slip" say; its moduli mostly lie between the two, though
         with forces that derive from no energy these are no bounds.
     threads
-        Number of threads of the factorizations; it changes no bit. Two pay in space: 1.5 times as fast for
-        8192 spheres, 1.06 for 65536 discs.
+        Number of threads of the factorizations; it changes no bit, and `seconds` counts the time of all. Two pay in
+        space: 1.5 times as fast for 8192 spheres, 1.06 for 65536 discs.
 
     Returns
     -------

@@ -129,8 +129,8 @@ def count_modes(
     gap_tolerance
         As in `hessian`.
     threads
-        Number of threads of the factorizations; it changes no bit. Two count the modes of 8192 spheres 1.6
-        times as fast, of 65536 discs 1.2.
+        Number of threads of the factorizations; it changes no bit, and `seconds` counts the time of all. Two count
+        the modes of 8192 spheres 1.6 times as fast, of 65536 discs 1.2.
 
     Raises
     ------

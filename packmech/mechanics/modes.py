@@ -201,8 +201,8 @@ def normal_modes(
         more than a quarter of them. Lowest 50, one thread, CPU seconds: 2D N = 1024 .05 against .5; a window of 500, N
         = 102,400: 253, and 5.2 GB.
     threads
-        Number of threads of the factorizations; it changes no bit. Two pay in space: lowest 30 of 8192
-        spheres 1.6 times as fast, of 65536 discs 1.1.
+        Number of threads of the factorizations; it changes no bit, and `seconds` counts the time of all. Two pay in
+        space: lowest 30 of 8192 spheres 1.6 times as fast, of 65536 discs 1.1.
 
     Returns
     -------

@@ -43,10 +43,11 @@ _LIMITS = {2: (0.1, 1.3), 3: (0.05, 1.1)}
 class _Recorder:
     """Takes the place of a program, to return the numbers that a minimizer gives its loop."""
 
+    # threads share the packings of a batch, not the rows of one
+    threads = 1
+
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-
-    threads = 1
 
     def advance(self, loop: Any, numbers: Any, goal: Any, progress: Any, steps: int, largest_step: float) -> Any:
         return numbers, largest_step

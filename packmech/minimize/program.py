@@ -35,7 +35,17 @@ from packmech.minimize.passes.kernels import (
     judge,
 )
 from packmech.minimize.passes.kind_rows import row_kinds
-from packmech.minimize.passes.pair_list import BEYOND, SKIN_FULL, PairList, Space, blocks_of, empty_list, strain_list
+from packmech.minimize.passes.pair_list import (
+    BEYOND,
+    DISPLACED,
+    SKIN_FULL,
+    SKIN_OUTER,
+    PairList,
+    Space,
+    blocks_of,
+    empty_list,
+    strain_list,
+)
 from packmech.minimize.passes.shape_rows import shape_rows
 from packmech.minimize.passes.single_rows import acting_on_rows
 from packmech.packing import Packing
@@ -367,21 +377,27 @@ class Program:
 
         """
         cap = settings.largest_step if largest_step is None else largest_step
-        status, self.pairs = steps_kernel(
-            self.effects,
-            self.axes,
-            self.row,
-            self.force_nd,
-            self.velocity_nd,
-            self.space,
-            self.pairs,
-            settings,
-            goal,
-            cap * self.step_unit,
-            progress.number,
-            progress.vector_kf,
-            steps,
-        )
+        try:
+            status, self.pairs = steps_kernel(
+                self.effects,
+                self.axes,
+                self.row,
+                self.force_nd,
+                self.velocity_nd,
+                self.space,
+                self.pairs,
+                settings,
+                goal,
+                cap * self.step_unit,
+                progress.number,
+                progress.vector_kf,
+                steps,
+            )
+        except BaseException:
+            # a list that was made on the way shares its numbers with the one that is kept, which is older
+            self.pairs.number[SKIN_OUTER] = -1.0
+            self.pairs.number[DISPLACED] = np.inf
+            raise
         return int(status)
 
     def relax(

@@ -112,7 +112,7 @@ def quench(
         Number of threads; it changes no bit. Measured with two, 4096 and 16384 discs come to rest 1.2 and 1.6 times as
         fast, 4096 and 10000 spheres 1.1 and 1.4 times. FIRE takes several from 4096 discs or spheres on, without links,
         bonds and interactions, and so do factorizations; all else runs on one. They wait for each other in every step:
-        not more than idle processors. Time limits and `seconds` count the time of all of them.
+        ask for no more than there are idle processors. Time limits and `seconds` count the time of all of them.
     time_limit
         Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress

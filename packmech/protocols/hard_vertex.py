@@ -311,7 +311,7 @@ def certified(protocol: Protocol, state: HardState, like: Packing) -> HardPackin
 
 
 def set_apart(packing: Packing) -> Packing | None:
-    """Return the packing of discs or spheres with its box grown until none touch; None where they overlap by a tenth.
+    """Return the packing of discs or spheres with its box grown until none touch; None where overlaps exceed a tenth.
 
     Beyond the largest overlap it grows by no more than rounding asks for.
     """

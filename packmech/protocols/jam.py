@@ -120,7 +120,8 @@ def jam(
         Largest net force over mean contact force that counts as balance [1].
     threads
         Number of threads; it changes no bit. Quenches and factorizations of large packings take them, and pressing in
-        time: measured with two, discs at N = 4096 are ready 1.05 times as fast, spheres at N = 1024 1.16 times.
+        time: measured with two, discs at N = 4096 are ready 1.05 times as fast, spheres at N = 1024
+        1.16 times. Ask for no more than there are idle processors; `time_limit` counts the time of all of them.
     time_limit
         Stop after so much CPU time, compiling aside [s], with Outcome.TIME_LIMIT.
     progress

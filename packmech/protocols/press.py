@@ -90,14 +90,16 @@ class Press(JamMethod):
 
     def follow(self, protocol: Protocol, pressure: float) -> tuple[Packing, Outcome]:
         """Return the packing at the pressure [energy_scale / diameter^d] and how the protocol ended."""
-        scene = protocol.scene
+        scene, threads = protocol.scene, protocol.loop.settings.threads
         if self.start_packing_fraction is not None:
             scene = scene.replace(packing=at_packing_fraction(scene.packing, self.start_packing_fraction))
         elif scene.packing.tangential is None and not protocol.continues:
             # overlaps of a random start would press where nothing is jammed
             bare = Scene(scene.packing, tuple(one for one in scene.effects if isinstance(one, Repulsion)))
             with protocol.stage("relaxing the start") as figures:
-                start = quench(bare, force_tolerance=1e-3, time_limit=protocol.loop.time_left, check=False)
+                start = quench(
+                    bare, force_tolerance=1e-3, threads=threads, time_limit=protocol.loop.time_left, check=False
+                )
                 figures.residual, figures.steps, figures.force_evaluations = (
                     start.residual, start.steps, start.force_evaluations
                 )  # fmt: skip

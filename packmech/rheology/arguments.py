@@ -219,7 +219,7 @@ def run_each(values: Sequence[float], run: Callable[[float], R], gathered: Calla
             raise
         except NotConverged as stop:
             stop.finished = gathered(runs) if runs else None
-            raise
+            raise stop from failure
         except OSError as error:
             # its checkpoint could not be written; the run itself is whole
             if getattr(error, "run", None) is None:

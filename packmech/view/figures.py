@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from packmech.calls.status import shown_as
-from packmech.check import instance, integer, one_of
+from packmech.check import FRAME_BYTES, instance, integer, one_of
 from packmech.files.paths import file_name, made_folder
 from packmech.packing import Packing
 from packmech.result import Run
@@ -142,7 +142,7 @@ def write_pictures(
     """
     instance("run", run, Run)
     instance("scene", scene, Scene)
-    frames = integer("frames", frames, at_least=2, bytes_each=24.0)
+    frames = integer("frames", frames, at_least=2, bytes_each=FRAME_BYTES)
     one_of("format", format, FORMATS)
     file_name("folder", folder, "a folder's name")
     if run.packing.particles != scene.packing.particles:

@@ -156,23 +156,38 @@ class FailingLaw(NamedTuple):
 
 @kernel
 def meet_or_fail(thread, times, failing):
-    """Meet the others so many times, or fail half way; return how often they met."""
+    """Meet the others so many times, or fail half way where one's bit is set; return how often they met."""
     for k in range(times):
         if some_failed(thread):
             return k
-        if thread.rank == failing and k == times // 2:
+        if failing >> thread.rank & 1 and k == times // 2:
             raise ValueError("failed")
         wait(thread)
     return times
 
 
-@pytest.mark.parametrize("failing", [0, 1, 2])
+@pytest.mark.parametrize("failing", [0b001, 0b010, 0b100, 0b011, 0b110, 0b111])
 def test_nobody_waits_for_a_thread_that_failed_and_its_error_is_raised(failing):
     before = threading.active_count()
     with pytest.raises(ValueError, match="failed"):
         run_together(lambda thread: meet_or_fail(thread, 1000, failing), 3)
     assert threading.active_count() == before
-    assert run_together(lambda thread: meet_or_fail(thread, 1000, -1), 3) == 1000
+    assert run_together(lambda thread: meet_or_fail(thread, 1000, 0), 3) == 1000
+
+
+def test_threads_that_cannot_be_started_leave_none_waiting(monkeypatch):
+    start, started = threading.Thread.start, []
+
+    def one_of_two(thread):
+        if started:
+            raise RuntimeError("can't start new thread")
+        started.append(thread)
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", one_of_two)
+    with pytest.raises(RuntimeError, match="can't start"):
+        run_together(lambda thread: meet_or_fail(thread, 1000, 0), 3)
+    assert not started[0].is_alive()
 
 
 def test_the_error_of_a_law_in_one_thread_ends_all():

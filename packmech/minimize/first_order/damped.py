@@ -111,7 +111,7 @@ def _choose_without_laws(effects: Any) -> Any:
 def _resist(dashpots, axes, row, space, pairs, dt, velocity_nd, product_nd):
     """Set the product to v + dt (b R^T R / m) v, within what links admit; return v times it."""
     clear(product_nd)
-    net_forces(dashpots, axes, row, product_nd, velocity_nd, space, pairs, None)
+    net_forces(None, dashpots, axes, row, product_nd, velocity_nd, space, pairs, None)
     power = 0.0
     for i in range(row.shape[0]):
         for a in range(len(axes)):
@@ -169,7 +169,7 @@ def damped_steps(
     clear(force_nd)
     step = 0
     while True:
-        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, None)
+        sums = net_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, None)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness

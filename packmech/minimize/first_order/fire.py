@@ -13,16 +13,17 @@ from typing import Any, NamedTuple
 
 from packmech.check import positive, real
 from packmech.constraints.compiled_links import speeds
-from packmech.jit.compiled import device, inlined, kernel
+from packmech.jit.compiled import device, inlined, inner_lean, kernel
 from packmech.jit.threads import ThreadRecord, broadcast, is_first, is_shared, run_together, share
 from packmech.minimize.passes.kernels import (
     RUNNING,
+    SEARCH,
     Goal,
     clear_rows,
     move_pass,
     moved_far,
+    net_forces,
     rows_of,
-    shared_forces,
     survey,
 )
 from packmech.minimize.passes.pair_list import DISPLACED, follow, update_lists
@@ -31,9 +32,6 @@ from packmech.minimize.program import Program, Progress
 
 # places in Progress.number
 _STEP, _EVALUATIONS, _DT, _ALPHA, _DOWNHILL, _SPEED2, _FASTEST2, _STIFFNESS, _MOBILITY, _NUMBERS = range(10)
-
-# a loop that several threads left because its pair lists must be rebuilt
-_SEARCH = 17
 
 # the stiffness is looked at again after this many steps, and whenever motion starts again
 _RENEW = 64
@@ -193,6 +191,28 @@ def _stiffness_on(thread, effects, row, pairs):
     return broadcast(thread, stiffness)
 
 
+@inner_lean
+def _mixed(rule, sums, stopped, dt, mixing, mobility, speed2, fastest2, largest_step):
+    """Return what is kept of velocities and what is added of forces: one code for any number of threads."""
+    kick = dt * mobility
+    if stopped:
+        keep = 0.0
+        push = kick
+    else:
+        keep = 1.0 - mixing
+        if rule.mix_kicked > 0.0:
+            kicked2 = speed2 + 2.0 * kick * sums.power + kick * kick * sums.square
+            push = keep * kick + mixing * math.sqrt(kicked2 / sums.square)
+        else:
+            push = kick + mixing * math.sqrt(speed2 / sums.square)
+    # none moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
+    reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.largest))
+    if reach > largest_step:
+        keep *= largest_step / reach
+        push *= largest_step / reach
+    return keep, push
+
+
 @device
 def _must_follow(thread, axes, row, space, pairs, moved):
     """Return whether lists must be followed after no row moved farther than this; with threads, by a search."""
@@ -210,7 +230,7 @@ def fire_steps(
 ):
     """Advance up to `steps` steps and return how they ended and the pair list.
 
-    Several threads come back, with _SEARCH, where the list must be rebuilt: who called them does it.
+    Several threads come back, with SEARCH, where the list must be rebuilt: who called them does it.
     """
     rule, strains, thread = settings.rule, settings.strains, settings.thread
     dt = number[_DT]
@@ -229,7 +249,7 @@ def fire_steps(
     if search and not is_shared(thread):
         pairs, _ = follow(axes, row, space, pairs, None)
     while not (search and is_shared(thread)):
-        found = shared_forces(thread, effects, axes, row, force_nd, velocity_nd, space, pairs, virial_of(strains))
+        found = net_forces(thread, effects, axes, row, force_nd, velocity_nd, space, pairs, virial_of(strains))
         now = before + step
         sums = pull_box(strains, effects, axes, row, space, pairs, found)
         stopped = sums.power <= 0.0
@@ -248,22 +268,7 @@ def fire_steps(
                 pairs.number[DISPLACED] += back * math.sqrt(fastest2)
         if now > 0:
             dt, mixing, downhill = _steer(rule, stopped, dt, mixing, downhill)
-        kick = dt * mobility
-        if stopped:
-            keep = 0.0
-            push = kick
-        else:
-            keep = 1.0 - mixing
-            if rule.mix_kicked > 0.0:
-                kicked2 = speed2 + 2.0 * kick * sums.power + kick * kick * sums.square
-                push = keep * kick + mixing * math.sqrt(kicked2 / sums.square)
-            else:
-                push = kick + mixing * math.sqrt(speed2 / sums.square)
-        # none moves farther than largest_step: all velocities shrink by one factor, which keeps their sum at rest
-        reach = dt * (keep * math.sqrt(fastest2) + push * math.sqrt(sums.largest))
-        if reach > largest_step:
-            keep *= largest_step / reach
-            push *= largest_step / reach
+        keep, push = _mixed(rule, sums, stopped, dt, mixing, mobility, speed2, fastest2, largest_step)
         speed2, fastest2 = move_pass(thread, axes, row, force_nd, velocity_nd, pairs, keep, push, dt)
         move_box(strains, axes, row, space, pairs, keep, push, dt)
         search = _must_follow(thread, axes, row, space, pairs, dt * math.sqrt(fastest2))
@@ -285,7 +290,7 @@ def fire_steps(
         number[_EVALUATIONS] += step + (0 if comes_back else 1)
         number[_STIFFNESS] = stiffness
         number[_MOBILITY] = mobility
-    return _SEARCH if comes_back else status, pairs
+    return SEARCH if comes_back else status, pairs
 
 
 def _on_threads(
@@ -306,7 +311,7 @@ def _on_threads(
     while True:
         left = int(last - number[_STEP])
         status, pairs = run(None) if threads == 1 else run_together(run, threads)
-        if status != _SEARCH:
+        if status != SEARCH:
             return status, pairs
         pairs = _followed(axes, row, space, pairs)
 

@@ -58,7 +58,7 @@ def gradient_descent_steps(
     clear(velocity_nd)
     step = 0
     while True:
-        sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, None)
+        sums = net_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, None)
         number[_EVALUATIONS] += 1.0
         if int(number[_STEP]) % _RENEW == 0:
             number[_STIFFNESS] = survey(effects, row, pairs).stiffness

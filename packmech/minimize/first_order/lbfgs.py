@@ -96,7 +96,7 @@ def lbfgs_steps(
     if moved_far(axes, row, space, pairs.number, 0.0):
         pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
-    sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, None)
+    sums = net_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, None)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:

@@ -59,7 +59,7 @@ def line_search(
         if is_stale(pairs.number, abs(length - last) * fastest + back + fixed):
             pairs, _ = follow(axes, row, space, pairs, None)
         clear(force_nd)
-        sums = net_forces(effects, axes, row, force_nd, direction_nd, space, pairs, None)
+        sums = net_forces(None, effects, axes, row, force_nd, direction_nd, space, pairs, None)
         evaluations += 1
         last = length
         here = sums.power

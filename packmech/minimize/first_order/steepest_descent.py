@@ -83,7 +83,7 @@ def _force_at(effects, axes, row, force_nd, velocity_nd, space, pairs, start_f, 
     if moved_far(axes, row, space, pairs.number, moved + dt * longest(axes, velocity_nd)):
         pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
-    return net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, None), pairs
+    return net_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, None), pairs
 
 
 @kernel
@@ -98,7 +98,7 @@ def descent_steps(
         pairs, _ = follow(axes, row, space, pairs, None)
     clear(force_nd)
     clear(velocity_nd)
-    sums = net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, None)
+    sums = net_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, None)
     number[_EVALUATIONS] += 1.0
     step = 0
     while True:

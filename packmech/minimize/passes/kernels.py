@@ -49,6 +49,8 @@ from packmech.minimize.passes.single_rows import push_rows, survey_rows
 
 # how a chunk of steps ended
 RUNNING, CONVERGED, FLOOR, UNJAMMED, NOT_FINITE, STALLED = range(6)
+# or because its pair lists must be rebuilt, which threads leave to who called them
+SEARCH = 17
 
 # rows whose forces are completed, and then summed over, together
 _TOGETHER = 256
@@ -310,26 +312,38 @@ _visitor_of_special = by_shape(
 _TOTAL, _TOUCHING, _POWER, _SQUARE, _LARGEST, _SPEED2, _FASTEST2 = range(7)
 
 
-@device
-def _push_beyond(b, pushing, laws, pairs):
-    """Add the forces of interactions and bonds, which act in scenes of one block."""
-    if b > 0:
-        return 0.0, 0
-    return push_interactions(laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pairs)
-
-
 @inlined
 def _walk_special(pushing, laws, pairs, b):
-    """Add the forces of pairs of a block with an image or a row of another block, whose force goes to a slot."""
+    """Add the forces of pairs of a block with an image or a row of another block, and of interactions.
+
+    What they do to a row of another block goes to a slot. Scenes with interactions are one block.
+    """
     start, sums = pairs.start_s, pairs.sum_bk[b]
-    # a whole number of its type, so that walks of one visitor are one function
+    # the number of touches is of one type in all walks, so that those of one visitor are compiled once
     visitor = _visitor_of_special(laws.shapes, pushing, pairs.slots.push_qk)
     total, touching = walk(
         visitor, laws, inner_pairs(pairs), start[2 * b + 1], start[2 * b + 1], start[2 * b + 2], (0.0, np.int64(0))
     )
-    more, pushed = _push_beyond(b, pushing, laws, pairs)
+    more, pushed = push_interactions(laws.shapes, laws.effects, laws.axes, laws.body, pushing.force_nd, pairs)
     sums[_TOTAL] = total + more
     sums[_TOUCHING] = touching + pushed
+
+
+@inner_lean
+def _sum_rows(axes, force_nd, velocity_nd, begin, after, power, whole, largest):
+    """Add the powers and squares of forces, and return the largest square: one code for any number of threads."""
+    for i in range(begin, after):
+        fx = force_nd[i, 0]
+        fy = force_nd[i, 1]
+        own = fx * fx + fy * fy
+        power += fx * velocity_nd[i, 0] + fy * velocity_nd[i, 1]
+        if len(axes) == 3:
+            fz = force_nd[i, 2]
+            own += fz * fz
+            power += fz * velocity_nd[i, 2]
+        whole += own
+        largest = max(largest, own)
+    return power, whole, largest
 
 
 @inlined
@@ -353,17 +367,7 @@ def _complete_rows(pushing, laws, pairs, b):
         more, pushed = push_rows(laws.shapes, laws.effects, axes, laws.body, force_nd, begin, after)
         total += more
         touching += pushed
-        for i in range(begin, after):
-            fx = force_nd[i, 0]
-            fy = force_nd[i, 1]
-            own = fx * fx + fy * fy
-            power += fx * velocity_nd[i, 0] + fy * velocity_nd[i, 1]
-            if len(axes) == 3:
-                fz = force_nd[i, 2]
-                own += fz * fz
-                power += fz * velocity_nd[i, 2]
-            whole += own
-            largest = max(largest, own)
+        power, whole, largest = _sum_rows(axes, force_nd, velocity_nd, begin, after, power, whole, largest)
     sums[_TOTAL] = total
     sums[_TOUCHING] = touching
     sums[_POWER] = power
@@ -393,14 +397,11 @@ def _walk_shared_blocks(thread, pushing, laws, pairs):
 def force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial):
     """Add the forces of touching pairs to force_nd, which was zero, and to a Virial or None; return the Sums.
 
-    Threads, which share the blocks, take neither shapes, interactions nor a virial.
+    Only scenes without shapes, links, bonds and interactions are several blocks, which threads share, without a virial.
     """
     shapes = shapes_of(effects)
     keep_turned(shapes, row)
-    laws, pushing = (
-        RowLaws(effects, shapes, axes, row),
-        _PushingRows(force_nd, velocity_nd, virial),
-    )
+    laws, pushing = RowLaws(effects, shapes, axes, row), _PushingRows(force_nd, velocity_nd, virial)
     _walk_shared_blocks(thread, pushing, laws, pairs)
     power, square, largest = turn_rows(shapes, axes, row, force_nd, velocity_nd)
     sum_bk, total, touching = pairs.sum_bk, 0.0, 0.0
@@ -425,19 +426,13 @@ def _projected(links, axes, force_nd, velocity_nd, sums):
 
 
 @inner_lean
-def shared_forces(thread, effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
+def net_forces(thread, effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
     """Add all forces to force_nd, which was zero, and take out what links bear; return the Sums over what is left.
 
     A Virial takes those of contacts, with what links bear still in them. Each thread takes the forces of its blocks.
     """
     sums = force_pass(thread, effects, axes, row, force_nd, velocity_nd, pairs, virial)
     return _projected(space.links, axes, force_nd, velocity_nd, sums)
-
-
-@inlined
-def net_forces(effects, axes, row, force_nd, velocity_nd, space, pairs, virial):
-    """Do the same on one thread."""
-    return shared_forces(None, effects, axes, row, force_nd, velocity_nd, space, pairs, virial)
 
 
 @inlined

@@ -52,8 +52,8 @@ _NARROWEST, _WIDEST = 1.0 / 256.0, 0.4  # of the outer skin
 # slot of a pair whose two rows belong to one block
 NO_SLOT = np.uint32(0xFFFFFFFF)
 
-# blocks, at most
-_BLOCKS = 32
+# blocks, at most, and rows of one, at least: of time steps, in which contacts take long; minimizers' are larger
+_BLOCKS, _ROWS = 32, 320
 # numbers that a pass may add up in a block: a cache line
 _SUMS = 8
 
@@ -114,7 +114,7 @@ class PairList(NamedTuple):
     bits: int
 
 
-def blocks_of(rows: int, least: int = 320) -> NDArray[np.int64]:
+def blocks_of(rows: int, least: int = _ROWS) -> NDArray[np.int64]:
     """Return the first row of each block of so many rows, and at the end their number.
 
     Parameters
