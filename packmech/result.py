@@ -540,3 +540,6 @@ class NotConverged(RuntimeError):  # noqa: N818 - the outcome is a value first a
         unmet = f" Not met: {'; '.join(map(str, run.unmet))}." if run.unmet else ""
         reached = f"({'' if run.flows else f'residual {run.residual:.3g} '}after {run.steps} steps)"
         super().__init__(message or f"{run.outcome.value}{unmet} {reached}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.run, str(self)), {"finished": self.finished}

@@ -1,5 +1,7 @@
 """How runs end: the limit that was met, the condition that was not, and both figures of it in the error."""
 
+import pickle
+
 import pytest
 
 import packmech as pm
@@ -95,3 +97,12 @@ def test_a_lower_bound_is_met_from_above_and_named_as_one():
     low = pm.Condition("shear modulus", 0.1, 5.0, lower=True)
     assert not low.met and str(low) == "shear modulus 0.1 where 5 at least was asked for"
     assert pm.Condition("shear modulus", 5.5, 5.0, lower=True).met
+
+
+def test_an_error_goes_to_another_process_with_what_was_reached():
+    with pytest.raises(pm.NotConverged) as caught:
+        pm.quench(scene(packing_fraction=0.9), force_tolerance=1e-10, method=pm.Fire(), step_limit=3)
+    caught.value.finished = 3
+    found = pickle.loads(pickle.dumps(caught.value))
+    assert str(found) == str(caught.value) and found.run.outcome is pm.Outcome.STEP_LIMIT and found.finished == 3
+    assert found.run.packing == caught.value.run.packing

@@ -249,7 +249,7 @@ def find_all(folder: Path, members: Iterable[Member]) -> list[Found]:
     if damaged:
         warn(
             f"folder {str(folder)!r} holds {len(damaged)} results or failures that are not as they were written and "
-            f"count as none, the first in {damaged[0].relative_to(folder)}"
+            f"count as none, the first in {damaged[0].relative_to(folder)}: run it again to make them anew"
         )
     return found
 
@@ -260,7 +260,7 @@ def _read(path: Path, damaged: list[Path]) -> dict[str, Any] | None:
         found = json.loads(path.read_bytes())
     except FileNotFoundError:
         return None
-    except ValueError:
+    except (ValueError, RecursionError, IsADirectoryError):
         found = None
     if isinstance(found, dict) and found.get(SEAL) == _seal(found):
         return found

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import brief, check_memory, instance, integer
+from packmech.check import LARGEST_FLOAT, brief, check_memory, instance, integer
 from packmech.files.records import split_values, value_of_text
 
 Grid = Mapping[str, Any] | Sequence[Mapping[str, Any]]
@@ -158,6 +158,8 @@ def _plain(name: str, value: Any) -> Any:
         return [_plain(name, one) for one in value]
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError(f"grid[{name!r}] must be finite, got {brief(value)}")
+    if isinstance(value, int) and abs(value) > LARGEST_FLOAT:
+        raise ValueError(f"grid[{name!r}] must be at most {LARGEST_FLOAT:.2g} in size, got {brief(value)}")
     if value is not None and not isinstance(value, bool | int | float | str):
         raise TypeError(
             f"grid[{name!r}] must be a number, a text, a truth value or a list of these, got {brief(value)}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from packmech.calls.display import shown
-from packmech.check import brief, clear_errors, entries, function, integer, one_of, positive, real
+from packmech.check import brief, clear_errors, entries, function, integer, listed, one_of, positive, real
 from packmech.linalg.line import fit_line, windows_without_ends
 from packmech.result import csv_text, markdown_table
 from packmech.view.figures import COLORS, MARKERS, hollow_marker, label_settings, styled_figure
@@ -379,9 +379,8 @@ def _check_methods(solvers: Mapping[str, Solver]) -> None:
 
 
 def _checked_settings(settings: Sequence[float]) -> tuple[float, ...]:
-    if isinstance(settings, str) or not isinstance(settings, Iterable):
-        raise TypeError(f"settings must be a sequence of positive numbers, got {brief(settings)}")
-    setting_t = tuple(positive(f"settings[{k}]", setting) for k, setting in enumerate(settings))
+    given = listed("settings", settings, "positive numbers")
+    setting_t = tuple(positive(f"settings[{k}]", setting) for k, setting in enumerate(given))
     if not setting_t:
         raise ValueError("settings must have at least one value, got none")
     if len(set(setting_t)) < len(setting_t):

@@ -142,9 +142,10 @@ def test_a_result_that_was_changed_counts_as_none(tmp_path, called):
     path = folder / "workspace" / listed_members(folder)[2].id / "result.json"
     result = json.loads(path.read_text())
     result["values"] = dict.fromkeys(result["values"], 5)
-    # with a seal that is not its own, and without one
-    for text in (result, {name: one for name, one in result.items() if name != "sha256"}):
-        path.write_text(json.dumps(text))
+    # with a seal that is not its own, without one, and too deep to be read
+    unsealed = {name: one for name, one in result.items() if name != "sha256"}
+    for text in (json.dumps(result), json.dumps(unsealed), 100_000 * "["):
+        path.write_text(text)
         with pytest.warns(UserWarning, match=f"holds 1 results or failures .* the first in workspace/.*{path.name}"):
             assert pm.read_ensemble(folder).counts() == {"done": 2, "failed": 0, "missing": 1}
     with pytest.warns(UserWarning, match="are not as they were written and count as none"):

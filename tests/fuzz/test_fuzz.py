@@ -140,6 +140,8 @@ FOUND = (
     ("material_constants", {"side": "1e-200"}),
     ("material_constants", {"side": "1e+200"}),
     ("resume_ensemble", {"members": "long"}),
+    ("shear_series", {"samples_per_period": "10**5000"}),
+    ("work_precision", {"settings": "pretender"}),
     ("cement", {"order": "huge range"}),
     ("cement", {"step": "1e+308"}),
     ("oscillatory_shear", {"frequency": "1e+308"}),
