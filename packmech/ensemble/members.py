@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from packmech.check import LARGEST_FLOAT, brief, check_memory, instance, integer
+from packmech.check import LARGEST_FLOAT, brief, check_memory, instance, integer, listed
 from packmech.files.records import split_values, value_of_text
 
 Grid = Mapping[str, Any] | Sequence[Mapping[str, Any]]
@@ -120,7 +120,7 @@ def members_of(grid: Grid) -> list[Member]:
     if isinstance(tables, str) or not isinstance(tables, Iterable):
         raise TypeError(f"grid must be a table of values by name, or a list of them, got {brief(grid)}")
     found: dict[str, Member] = {}
-    for table in tables:
+    for table in listed("grid", tables, "tables of values by name"):
         if not isinstance(table, Mapping) or not table:
             raise TypeError(f"grid must hold tables of values by name, got {brief(table)}")
         columns = [_listed(value) for value in table.values()]

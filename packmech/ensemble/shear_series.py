@@ -286,7 +286,7 @@ def shear_series(
         "post_periods": real("post_periods", post_periods, at_least=0.0),
         "axes": two_axes("axes", axes),
         "dt": None if dt is None else positive("dt", dt),
-        "samples_per_period": samples_per_period,
+        "samples_per_period": integer("samples_per_period", samples_per_period, at_least=1),
     }
     pairs = [(kind, friction) for kind in kinds for friction in ([None] if kind == "frictionless" else coefficients)]
     keys = [

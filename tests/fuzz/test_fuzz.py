@@ -141,6 +141,8 @@ FOUND = (
     ("material_constants", {"side": "1e+200"}),
     ("resume_ensemble", {"members": "long"}),
     ("shear_series", {"samples_per_period": "10**5000"}),
+    ("shear_series", {"samples_per_period": "recursive"}),
+    ("run_ensemble", {"grid": "pretender"}),
     ("work_precision", {"settings": "pretender"}),
     ("cement", {"order": "huge range"}),
     ("cement", {"step": "1e+308"}),
