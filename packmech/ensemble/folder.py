@@ -249,7 +249,7 @@ def find_all(folder: Path, members: Iterable[Member]) -> list[Found]:
     if damaged:
         warn(
             f"folder {str(folder)!r} holds {len(damaged)} results or failures that are not as they were written and "
-            f"count as none, the first in {damaged[0].relative_to(folder)}: run it again to make them anew"
+            f"count as none, the first in {damaged[0].relative_to(folder)}: run the ensemble again to replace them"
         )
     return found
 

@@ -116,11 +116,10 @@ def members_of(grid: Grid) -> list[Member]:
     [{'particles': 64, 'seed': 0}, {'particles': 64, 'seed': 1}]
 
     """
-    tables = [grid] if isinstance(grid, Mapping) else grid
-    if isinstance(tables, str) or not isinstance(tables, Iterable):
-        raise TypeError(f"grid must be a table of values by name, or a list of them, got {brief(grid)}")
+    words = "tables of values by name, or one table of values"
+    tables = [grid] if isinstance(grid, Mapping) else listed("grid", grid, words)
     found: dict[str, Member] = {}
-    for table in listed("grid", tables, "tables of values by name"):
+    for table in tables:
         if not isinstance(table, Mapping) or not table:
             raise TypeError(f"grid must hold tables of values by name, got {brief(table)}")
         columns = [_listed(value) for value in table.values()]
